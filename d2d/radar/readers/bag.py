@@ -1,7 +1,6 @@
 """Scans, mountings and references in bags of ROS 1 and ROS 2, also MCAP; needs rosbags."""
 
 import os
-import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,7 +14,14 @@ from d2d._checks import FINITE, check_path
 from d2d._types import Array
 from d2d.radar.readers.reader import LOG_OPTIONS, Option, Reader, Source, mountings_of, options_of
 from d2d.radar.readers.shared import brief, reading, yaw_of
-from d2d.radar.readers.table import TARGET, recognised, scan_of, usual_sigmas
+from d2d.radar.readers.table import (
+    TARGET,
+    recognised,
+    scan_of,
+    usual_sigmas,
+    valid,
+    warn_of_left_out,
+)
 from d2d.radar.scans.reference import Reference
 from d2d.radar.scans.scan import Mounting, RadarScan
 from d2d.radar.tracks.track import Track
@@ -102,18 +108,26 @@ def load_bag_reference(
     return Reference(table[:, 0], table[:, 1:4], table[:, 4:])
 
 
+def _rosbags() -> Any:
+    try:
+        import rosbags.highlevel
+        import rosbags.rosbag1
+        import rosbags.rosbag2
+        import rosbags.typesys
+    except ModuleNotFoundError:
+        raise ModuleNotFoundError("bags need rosbags: pip install 'd2d[ros]'") from None
+    return rosbags
+
+
 @contextmanager
 def _opened(path: Path) -> Iterator[Any]:
     """A bag, whose faults become ValueErrors that name it."""
-    try:
-        from rosbags.highlevel import AnyReader
-        from rosbags.typesys import Stores, get_typestore
-    except ModuleNotFoundError:
-        raise ModuleNotFoundError("reading bags needs rosbags: pip install 'd2d[ros]'") from None
+    ros = _rosbags()
     if not path.exists():
         raise FileNotFoundError(f"{path} does not exist; it should be a bag")
     try:
-        with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as reader:
+        store = ros.typesys.get_typestore(ros.typesys.Stores.LATEST)
+        with ros.highlevel.AnyReader([path], default_typestore=store) as reader:
             yield reader
     except Exception as error:  # damaged bytes raise errors of rosbags, SQLite, YAML and others
         if isinstance(error, ValueError | FileNotFoundError) and str(path) in str(error):
@@ -151,34 +165,44 @@ def _scans(
     sigmas: Mapping[str, float | None],
 ) -> tuple[list[RadarScan], str]:
     """The scans of a topic, and the frame that their headers name."""
-    scans, frame, points, left_out = [], "", 0, 0
-    errors: dict[str, Any] = {name: sigma for name, sigma in sigmas.items() if sigma is not None}
+    clouds, times, frame = [], [], ""
     with _opened(path) as bag:
         topic = _topic(path, bag, "a radar", _SCANS, topic)
-        for message, time, kind in _messages(bag, topic, bag_stamps):
-            with reading(path, f"a bag with scans of a radar on {topic}"):
-                fields = _cloud(message) if kind == _SCANS[0] else _returns(message)
-                ways = {name: recognised(name, fields) for name in TARGET}
-                columns = {name: fields[way[0]] * way[1] for name, way in ways.items() if way}
-                errors |= usual_sigmas(f"{path}, {topic}", errors.keys() | columns.keys())
-                good = np.all([np.isfinite(c) for c in columns.values()], axis=0)
-                distance = [columns[name] for name in ("range", "x", "y") if name in columns]
-                good &= np.any([part != 0.0 for part in distance], axis=0)
-                points, left_out = points + len(good), left_out + int((~good).sum())
-                if min_snr is not None:
-                    if "snr" not in columns:
-                        raise ValueError("it has no field snr, which min_snr needs")
-                    good &= columns["snr"] >= FINITE.number("min_snr", min_snr)
-                used = {name: column[good] for name, column in columns.items()}
-                scans.append(scan_of(time, used | errors))
+        with reading(path, f"a bag with scans of a radar on {topic}"):
+            for message, time, kind in _messages(bag, topic, bag_stamps):
+                clouds.append(_cloud(message) if kind == _SCANS[0] else _returns(message))
+                times.append(time)
                 frame = message.header.frame_id
-    if left_out:
-        warnings.warn(
-            f"{path}: {left_out} of {points} points of {topic} are left out, because a number is "
-            "not finite or the range is zero",
-            stacklevel=3,
-        )
+            columns = _columns(clouds)
+            errors = {name: sigma for name, sigma in sigmas.items() if sigma is not None}
+            errors |= usual_sigmas(f"{path}, {topic}", errors.keys() | columns.keys())
+            used = valid(columns)
+            warn_of_left_out(path, int((~used).sum()), len(used), f"points of {topic}")
+            if min_snr is not None:
+                if "snr" not in columns:
+                    raise ValueError("it has no field snr, which min_snr needs")
+                used &= columns["snr"] >= FINITE.number("min_snr", min_snr)
+            ends = np.cumsum([len(next(iter(cloud.values()))) for cloud in clouds])
+            scans = [
+                scan_of(time, {name: c[own][used[own]] for name, c in columns.items()} | errors)
+                for time, own in zip(times, np.split(np.arange(len(used)), ends[:-1]), strict=True)
+            ]
     return scans, frame
+
+
+def _columns(clouds: Sequence[Mapping[str, Array]]) -> dict[str, Array]:
+    """The quantities of all targets, one cloud after the other."""
+    if not clouds:
+        raise ValueError("it has no message")
+    ways = {name: recognised(name, clouds[0].keys()) for name in TARGET}
+    columns = {
+        name: way.factor * np.concatenate([cloud[way.name] for cloud in clouds])
+        for name, way in ways.items()
+        if way is not None
+    }
+    if "doppler" not in columns or not ({"x", "y"} <= columns.keys() or "azimuth" in columns):
+        raise ValueError(f"its fields are {', '.join(clouds[0])}: place or Doppler is missing")
+    return columns
 
 
 def _cloud(message: Any) -> dict[str, Array]:
@@ -241,53 +265,48 @@ def write_bag(path: str | os.PathLike[str], driven: Track, frame: str = "base_li
     target = check_path("path", path)
     if target.exists():
         raise FileExistsError(f"{target} exists; a bag is not written over another one")
-    try:
-        from rosbags.rosbag1 import Writer as Writer1
-        from rosbags.rosbag2 import StoragePlugin, Writer
-        from rosbags.typesys import Stores, get_typestore
-    except ModuleNotFoundError:
-        raise ModuleNotFoundError("writing bags needs rosbags: pip install 'd2d[ros]'") from None
-    first = target.suffix == ".bag"
-    store = get_typestore(Stores.ROS1_NOETIC if first else Stores.LATEST)
+    ros, first = _rosbags(), target.suffix == ".bag"
+    known = ros.typesys.Stores
+    store = ros.typesys.get_typestore(known.ROS1_NOETIC if first else known.LATEST)
     serialize = store.serialize_ros1 if first else store.serialize_cdr
+    mcap = {"version": 8, "storage_plugin": ros.rosbag2.StoragePlugin.MCAP}
+    writer = ros.rosbag1.Writer(target) if first else ros.rosbag2.Writer(target, **mcap)
     types = {
         name.rpartition("/")[2]: kind
         for name, kind in store.types.items()
-        if name.startswith(("builtin_interfaces/msg/", "geometry_msgs/msg/", "nav_msgs/msg/"))
+        if name.startswith(
+            ("builtin_interfaces/msg/", "geometry_msgs/", "nav_msgs/msg/", "std_msgs/msg/Header")
+        )
     }
     sequence = {"seq": 0} if first else {}
 
-    def header(time: float, of: str) -> Any:
+    def write(topic: Any, time: float, of: str, kind: str, *content: Any) -> None:
         seconds = int(time // 1.0)
         stamp = types["Time"](seconds, min(round((time - seconds) / _NANOSECOND), 999_999_999))
-        return store.types["std_msgs/msg/Header"](**sequence, stamp=stamp, frame_id=of)
+        header = types["Header"](**sequence, stamp=stamp, frame_id=of)
+        message = types[kind](header, *content)
+        writer.write(topic, round(time / _NANOSECOND), serialize(message, message.__msgtype__))
 
     poses, start = driven.poses()[1:], driven.times[:1] - driven.intervals[:1]
     moved = driven.displacement(np.repeat(start, len(driven)), driven.times).covariance
-    writer: Any = (
-        Writer1(target) if first else Writer(target, version=8, storage_plugin=StoragePlugin.MCAP)
-    )
-    kinds = ("nav_msgs/msg/Odometry", "geometry_msgs/msg/TwistWithCovarianceStamped")
+    point, vector, quaternion = (types[name] for name in ("Point", "Vector3", "Quaternion"))
     with writer:
         odometry, twists = (
-            writer.add_connection(topic, kind, typestore=store)
-            for topic, kind in zip(("/d2d/odometry", "/d2d/twist"), kinds, strict=True)
+            writer.add_connection(f"/d2d/{topic}", types[kind].__msgtype__, typestore=store)
+            for topic, kind in (("odometry", "Odometry"), ("twist", "TwistWithCovarianceStamped"))
         )
         for time, (x, y, yaw), spread, theta, covariance, good in zip(
             *(driven.times, poses, moved, driven.theta, driven.covariance, driven.converged),
             strict=True,
         ):
-            at, vector = types["Point"](x, y, 0.0), types["Vector3"]
-            turn = types["Quaternion"](0.0, 0.0, np.sin(0.5 * yaw), np.cos(0.5 * yaw))
+            turn = quaternion(0.0, 0.0, np.sin(0.5 * yaw), np.cos(0.5 * yaw))
             velocity = types["Twist"](vector(*theta[:2], 0.0), vector(0.0, 0.0, theta[2]))
             twist = types["TwistWithCovariance"](velocity, _spatial(covariance))
-            pose = types["PoseWithCovariance"](types["Pose"](at, turn), _spatial(spread))
-            stamp = round(time / _NANOSECOND)
-            message = types["Odometry"](header(time, "odom"), frame, pose, twist)
-            writer.write(odometry, stamp, serialize(message, kinds[0]))
+            place = types["Pose"](point(x, y, 0.0), turn)
+            pose = types["PoseWithCovariance"](place, _spatial(spread))
+            write(odometry, time, "odom", "Odometry", frame, pose, twist)
             if good:
-                message = types["TwistWithCovarianceStamped"](header(time, frame), twist)
-                writer.write(twists, stamp, serialize(message, kinds[1]))
+                write(twists, time, frame, "TwistWithCovarianceStamped", twist)
 
 
 def _spatial(covariance: Array) -> Array:

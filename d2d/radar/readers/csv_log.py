@@ -3,49 +3,36 @@
 import csv
 import io
 import itertools
-import math
 import os
 import warnings
-from collections.abc import Iterable, Mapping
-from pathlib import Path
+from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from d2d._checks import (
-    FINITE,
-    NOT_NEGATIVE,
-    Bounds,
-    check_choice,
-    check_path,
-    check_positive_scalar,
-)
+from d2d._checks import FINITE, NOT_NEGATIVE, check_choice, check_path, check_positive_scalar
 from d2d._types import Array
 from d2d.radar.files import atomic_write
 from d2d.radar.readers.reader import LOG_OPTIONS, Option, Reader, Source, mountings_of, options_of
 from d2d.radar.readers.shared import brief
 from d2d.radar.readers.table import (
-    QUANTITIES,
     TARGET,
-    Column,
     Table,
     read_table,
     scan_of,
     usual_sigmas,
+    valid,
+    warn_of_left_out,
 )
-from d2d.radar.scans.scan import ANGLES, BOUNDS, MEASURED, SIGMAS, UPWARDS, RadarScan
+from d2d.radar.scans.scan import ANGLES, MEASURED, SIGMAS, UPWARDS, RadarScan
 
-Mask = NDArray[np.bool_]
 Rows = NDArray[np.intp]
 
-_RADIANS = BOUNDS["azimuth"]._replace(
-    hint="; are these degrees (degrees=True, on the command line --degrees)?"
-)
-_DEGREES = Bounds(most=360.0, unit="in degrees, ")
 _STEP_BACK = 1.0  # s
 _POLAR, _CARTESIAN = ("range", "azimuth"), ("x", "y")
-_LOG_QUANTITIES = ("time", *TARGET, "sensor", "frame")
+_TIME_UNITS = ("s", "ms", "us", "ns")
+_QUANTITIES = ("time", *TARGET, "sensor", "frame")
 
 
 def load_csv(
@@ -100,153 +87,94 @@ def load_csv(
         Of all targets, instead of the columns.  Where there is none, usual values are taken, with a
         warning.
     """
-    source = check_path("path", path)
-    sigmas = {
-        name: check_positive_scalar(name, sigma)
-        for name, sigma in zip(SIGMAS, (sigma_range, sigma_azimuth, sigma_doppler), strict=True)
-        if sigma is not None
-    }
+    source, named = check_path("path", path), dict(columns or {})
+    given = dict(zip(SIGMAS, (sigma_range, sigma_azimuth, sigma_doppler), strict=True))
+    sigmas = {n: check_positive_scalar(n, sigma) for n, sigma in given.items() if sigma is not None}
     gap = NOT_NEGATIVE.number("scan_gap", scan_gap)
-    named = dict(columns or {})
     for name in named:
-        check_choice("columns", name, _LOG_QUANTITIES)
-    table = read_table(source, lambda table: _lacking(table, named), torn=skip_invalid)
-    found = _columns(table, named, sigmas, time_unit, degrees)
-    sigmas |= usual_sigmas(source, found.keys() | sigmas.keys())
-    if min_snr is None:
-        found.pop("snr", None)
-    elif "snr" not in found:
-        raise ValueError(f"{source} has no column snr, which min_snr needs")
-    texts = {
-        name: table.words[found.pop(name).place] for name in ("sensor", "frame") if name in found
-    }
-    values = {name: table.numbers(name, c, invalid=skip_invalid) for name, c in found.items()}
-    used = _valid(table, values, skip_invalid)
-    _check(table, found, values, used)
-    if min_snr is not None:
-        used = used & (values["snr"] >= FINITE.number("min_snr", min_snr))
-    rows = np.flatnonzero(used)
-    if not len(rows):
-        raise ValueError(f"{source} has no line with a target")
-    values |= {name: np.full(len(used), sigma) for name, sigma in sigmas.items()}
-    scans: dict[str, list[RadarScan]] = {}
-    for sensor, own in _by_sensor(table, texts.get("sensor"), rows).items():
-        frames = None if "frame" not in texts else np.array(texts["frame"])[own]
-        times = values["time"][own]
-        scans[sensor] = [
-            scan_of(
-                float(np.median(times[group])),
-                {name: column[own[group]] for name, column in values.items()},
-            )
-            for group in _groups(source, times, frames, gap)
-        ]
-    return scans
-
-
-def _lacking(table: Table, named: Mapping[str, str]) -> str:
-    """The columns that a first line lacks, as the user knows them."""
-    has = {name for name in _LOG_QUANTITIES if table.column(name, named)}
-    place = _CARTESIAN if has.issuperset(_CARTESIAN) and not has.issuperset(_POLAR) else _POLAR
-    needed = ("time", *place, "doppler")
-    if has.issuperset((*needed, *named)):
-        return ""
-    return ", ".join(named.get(name, name) for name in dict.fromkeys((*needed, *named)))
-
-
-def _columns(
-    table: Table,
-    named: Mapping[str, str],
-    sigmas: Mapping[str, float],
-    time_unit: str | None,
-    degrees: bool,
-) -> dict[str, Column]:
-    """The columns that are read, with factors to s, m, rad and m/s."""
-    found = {name: table.column(name, named) for name in _LOG_QUANTITIES if name not in sigmas}
-    columns = {name: column for name, column in found.items() if column is not None}
-    if columns.keys() >= {*_POLAR}:
-        columns = {name: c for name, c in columns.items() if name not in _CARTESIAN}
+        check_choice("columns", name, _QUANTITIES)
     stated = dict.fromkeys(ANGLES, "deg") if degrees else {}
     if time_unit is not None:
-        check_choice("time_unit", time_unit, ("s", "ms", "us", "ns"))
+        check_choice("time_unit", time_unit, _TIME_UNITS)
         stated["time"] = time_unit
-    for name in stated.keys() & columns.keys():
-        place, factor, unit = columns[name]
-        if unit not in ("", stated[name]):
-            raise ValueError(
-                f"{table.source}: {table.names[place]} is in {unit}, but is said to be in "
-                f"{stated[name]}"
-            )
-        factor = math.copysign(QUANTITIES[name].units[stated[name]], factor)
-        columns[name] = Column(place, factor, stated[name])
-    return columns
-
-
-def _valid(table: Table, values: Mapping[str, Array], skip: bool) -> Mask:
-    """Mask of the lines that are used; those that are not are counted in a warning."""
-    used = np.ones(len(table.lines), dtype=np.bool_)
-    if not skip:
-        return used
-    for name, column in values.items():
-        used &= np.isfinite(column) & (column > 0.0 if name == "range" else True)
+    table = read_table(
+        source,
+        [name for name in _QUANTITIES if name not in sigmas],
+        lambda there: _lacking(there, named),
+        named=named,
+        stated=stated,
+        torn=skip_invalid,
+    )
+    unused = {"snr"} if min_snr is None else set()
+    if table.columns.keys() >= {*_POLAR}:
+        unused |= {*_CARTESIAN}
+    for name in unused & table.columns.keys():
+        del table.columns[name]
+    sigmas |= usual_sigmas(source, table.columns.keys() | sigmas.keys())
+    values = table.numbers(invalid=skip_invalid)
+    used = valid(values) if skip_invalid else np.ones(len(table.lines), dtype=np.bool_)
     left_out = int((~used).sum()) + table.torn
-    if left_out:
-        warnings.warn(
-            f"{table.source}: {left_out} of {len(used) + table.torn} lines are left out, because a "
-            "number is missing or not finite, or the range is not positive",
-            stacklevel=3,
-        )
-    return used
+    warn_of_left_out(source, left_out, len(used) + table.torn, "lines")
+    table.check(values, used)
+    if min_snr is not None:
+        if "snr" not in values:
+            raise ValueError(f"{source} has no column snr, which min_snr needs")
+        used &= values.pop("snr") >= FINITE.number("min_snr", min_snr)
+    if not used.any():
+        raise ValueError(f"{source} has no line with a target")
+    values |= {name: np.full(len(used), sigma) for name, sigma in sigmas.items()}
+    sensors = _by_sensor(table, np.flatnonzero(used))
+    return {name: _scans(table, values, own, gap) for name, own in sensors.items()}
 
 
-def _check(
-    table: Table, columns: Mapping[str, Column], values: Mapping[str, Array], used: Mask
-) -> None:
-    """Raise a ValueError that names the first line with a number that is out of bounds."""
-    wrong = {
-        int(np.flatnonzero(bad)[0]): name
-        for name, column in values.items()
-        if (bad := ~BOUNDS.get(name, FINITE).hold(column) & used).any()
-    }
-    if not wrong:
-        return
-    row, name = min(wrong.items())
-    said, value = f"{table.where(row)}: {name}", values[name][row]
-    if name in ANGLES and columns[name].unit == "deg":
-        _DEGREES.number(said, float(np.rad2deg(value)))
-    elif name in ANGLES:
-        _RADIANS.number(said, value)
-    BOUNDS.get(name, FINITE).number(said, value)
+def _lacking(there: Collection[str], named: Mapping[str, str]) -> str:
+    """The columns that a first line lacks, as the user knows them."""
+    has = set(there)
+    place = _CARTESIAN if has.issuperset(_CARTESIAN) and not has.issuperset(_POLAR) else _POLAR
+    needed = dict.fromkeys(("time", *place, "doppler", *named))
+    return "" if has >= needed.keys() else ", ".join(named.get(name, name) for name in needed)
 
 
-def _by_sensor(table: Table, names: Any, rows: Rows) -> dict[str, Rows]:
+def _by_sensor(table: Table, rows: Rows) -> dict[str, Rows]:
     """The rows of each sensor, by its name."""
-    if names is None:
+    if "sensor" not in table.words:
         return {"radar": rows}
     found: dict[str, list[int]] = {}
     for row in rows.tolist():
-        name = names[row].strip()
+        name = table.words["sensor"][row].strip()
         if not name:
             raise ValueError(f"{table.where(row)}: sensor must be a name or a number, but is empty")
         found.setdefault(name, []).append(row)
     return {name: np.array(own) for name, own in found.items()}
 
 
-def _groups(source: Path, times: Array, frames: Any, gap: float) -> list[Rows]:
-    """The indices of each scan's targets, in time order within each segment of the clock."""
+def _scans(table: Table, values: Mapping[str, Array], rows: Rows, gap: float) -> list[RadarScan]:
+    """The scans of a sensor's rows, in time order within each segment of the clock."""
+    times = values["time"][rows]
     segment = np.cumsum(np.diff(times, prepend=times[0]) < -_STEP_BACK)
     if segment[-1]:
         warnings.warn(
-            f"{source}: the time steps back {segment[-1]} time(s); a new segment begins there (if "
-            "this is one drive, sort its lines by time)",
+            f"{table.source}: the time steps back {segment[-1]} time(s); a new segment begins "
+            "there (if this is one drive, sort its lines by time)",
             stacklevel=3,
         )
-    order = np.arange(len(times)) if frames is not None else np.lexsort((times, segment))
-    begins = np.diff(segment[order]) > 0
-    begins |= frames[1:] != frames[:-1] if frames is not None else np.diff(times[order]) > gap
+    if "frame" in table.words:
+        order, frames = np.arange(len(rows)), np.array(table.words["frame"])[rows]
+        begins = frames[1:] != frames[:-1]
+    else:
+        order = np.lexsort((times, segment))
+        begins = np.diff(times[order]) > gap
+    begins |= np.diff(segment[order]) > 0
     groups = np.split(order, 1 + np.flatnonzero(begins))
-    if frames is None:
-        return groups
-    return sorted(groups, key=lambda group: (segment[group[0]], np.median(times[group])))
+    middle = [float(np.median(times[group])) for group in groups]
+    scans = []
+    for which in np.lexsort((middle, [segment[group[0]] for group in groups])):
+        own = rows[groups[which]]
+        try:
+            scans.append(scan_of(middle[which], {name: c[own] for name, c in values.items()}))
+        except ValueError as error:
+            raise ValueError(f"{table.where(own[0])}, where a scan begins: {error}") from None
+    return scans
 
 
 def write_csv(path: str | os.PathLike[str], sensors: Mapping[str, Iterable[RadarScan]]) -> None:
@@ -314,10 +242,10 @@ def _pairs(text: str | None) -> dict[str, str]:
     """The columns that --columns names."""
     pairs = [pair.partition("=") for pair in (text or "").split(",") if pair]
     for name, _, column in pairs:
-        if not column or name not in _LOG_QUANTITIES:
+        if not column or name not in _QUANTITIES:
             raise ValueError(
                 f"--columns must be like time=time_ns,range=dist, with names out of "
-                f"{', '.join(_LOG_QUANTITIES)}, but has {name!r}"
+                f"{', '.join(_QUANTITIES)}, but has {name!r}"
             )
     return {name: column for name, _, column in pairs}
 
@@ -333,7 +261,7 @@ READER = Reader(
             "the columns of a log by what they hold, such as time=stamp_ns,azimuth=-angle_rad",
             {"metavar": "NAME=COLUMN,..."},
         ),
-        Option("time_unit", "of the times", {"choices": ("s", "ms", "us", "ns")}),
+        Option("time_unit", "of the times", {"choices": _TIME_UNITS}),
         Option(
             "degrees",
             "the file's azimuths and their standard deviations are in degrees",

@@ -1,6 +1,7 @@
 """The motion that another sensor measured, from a file: a TUM trajectory, or an odometry."""
 
 import os
+from collections.abc import Collection
 from pathlib import Path
 
 import numpy as np
@@ -9,15 +10,12 @@ from d2d._checks import FINITE, check_path
 from d2d._types import Array
 from d2d.radar.readers.bag import GYROS, is_bag, load_bag_reference
 from d2d.radar.readers.shared import yaw_of
-from d2d.radar.readers.table import Table, decoded, number, read_table
+from d2d.radar.readers.table import decoded, number, read_table
 from d2d.radar.scans.reference import Reference
 
 _POSES = 8  # numbers in a line of a TUM trajectory
 _REACH, _INTERVALS = 0.2, 2.5  # s, and intervals, to each side of a pose that give its velocity
 _LONGEST = 20.0  # s, between two poses that still show a velocity
-_FASTEST = FINITE._replace(
-    most=2.0 * np.pi, unit="in rad/s, ", hint="; are these deg/s (column yaw_rate_deg)?"
-)
 
 
 def load_reference(path: str | os.PathLike[str], topic: str | None = None) -> Reference:
@@ -66,19 +64,13 @@ def load_gyro(path: str | os.PathLike[str], topic: str | None = None) -> tuple[A
 def _columns(source: Path, *names: str) -> dict[str, Array]:
     """The times of a table and those of some columns that it has, at least one, within bounds."""
 
-    def lacking(table: Table) -> str:
-        there = table.column("time", {}) and any(table.column(name, {}) for name in names)
-        return "" if there else f"time, {' or '.join(names)}"
+    def lacking(there: Collection[str]) -> str:
+        enough = "time" in there and len(there) > 1
+        return "" if enough else f"time, {' or '.join(names)}"
 
-    table = read_table(source, lacking)
-    found = {}
-    for name in ("time", *names):
-        column, bounds = table.column(name, {}), _FASTEST if name == "yaw_rate" else FINITE
-        if column is None:
-            continue
-        found[name] = table.numbers(name, column)
-        for row in np.flatnonzero(~bounds.hold(found[name]))[:1]:
-            bounds.number(f"{table.where(row)}: {table.names[column.place]}", found[name][row])
+    table = read_table(source, ("time", *names), lacking)
+    found = table.numbers()
+    table.check(found)
     return found
 
 

@@ -6,7 +6,7 @@ import io
 import math
 import re
 import warnings
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -14,9 +14,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from d2d._checks import FINITE, Bounds
 from d2d._types import Array
 from d2d.radar.readers.shared import brief, bytes_of, reading
-from d2d.radar.scans.scan import MEASURED, RadarScan
+from d2d.radar.scans.scan import ANGLES, BOUNDS, MEASURED, RadarScan
+
+Mask = NDArray[np.bool_]
 
 _COMPRESSION = 200  # times the size of a gzip file that its text may have; logs have some 10
 _TIMES = {"ns": 1e-9, "us": 1e-6, "ms": 1e-3, "s": 1.0, "sec": 1.0, "nsec": 1e-9}
@@ -24,6 +27,9 @@ _LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "km": 1e3}
 _SPEEDS = {"m_per_s": 1.0, "mps": 1.0, "m_s": 1.0, "kmh": 1 / 3.6, "km_h": 1 / 3.6}
 _ANGLES = {"rad": 1.0, "deg": math.pi / 180.0}
 _RATES = {f"{name}{end}": one for name, one in _ANGLES.items() for end in ("_per_s", "_s", "ps")}
+_FASTEST = FINITE._replace(
+    most=2.0 * np.pi, unit="in rad/s, ", hint="; are these deg/s (column yaw_rate_deg)?"
+)
 
 
 class Quantity(NamedTuple):
@@ -38,9 +44,7 @@ QUANTITIES = {
     "range": Quantity(("range", "distance", "dist", "r", "rho"), _LENGTHS),
     "azimuth": Quantity(("azimuth", "az", "angle", "phi"), _ANGLES),
     "elevation": Quantity(("elevation", "el"), _ANGLES),
-    "x": Quantity(("x", "pos_x"), _LENGTHS),
-    "y": Quantity(("y", "pos_y"), _LENGTHS),
-    "z": Quantity(("z", "pos_z"), _LENGTHS),
+    **{name: Quantity((name, f"pos_{name}"), _LENGTHS) for name in "xyz"},
     "doppler": Quantity(
         (
             *("doppler", "doppler_velocity", "v_doppler", "range_rate", "radial_velocity"),
@@ -58,7 +62,7 @@ QUANTITIES = {
     "speed": Quantity(("speed", "velocity", "v"), _SPEEDS),
     "yaw_rate": Quantity(("yaw_rate", "yawrate", "omega", "gyro_z"), _RATES | _ANGLES),
 }
-
+_TEXTS = ("sensor", "frame")
 # Of a target; the others are of a log or of an odometry.
 TARGET = (
     *("range", "azimuth", "elevation", "x", "y", "z", "doppler", "snr"),
@@ -69,9 +73,9 @@ _USUAL = {"sigma_range": 0.15, "sigma_azimuth": math.radians(0.5), "sigma_dopple
 
 
 class Column(NamedTuple):
-    """A column of a table: its place, and the factor to the units of `RadarScan`."""
+    """A column of a table: its name, and the factor to the units of `RadarScan`."""
 
-    place: int
+    name: str
     factor: float = 1.0
     unit: str = ""  # as its name says; empty if it does not
 
@@ -80,97 +84,129 @@ class Table(NamedTuple):
     """The lines of a table that have a word for each column."""
 
     source: Path
-    first: int  # number of the line that names the columns
-    names: list[str]
+    columns: dict[str, Column]  # by the quantities that are recognised
+    words: Mapping[str, Sequence[str]]  # likewise
     lines: NDArray[np.int64]
-    words: Sequence[Sequence[str]]  # of each column
     torn: int  # lines with another number of words, which are left out
-
-    def column(self, quantity: str, named: Mapping[str, str]) -> Column | None:
-        """The column of a quantity: as ``named``, perhaps behind a minus sign, or recognised."""
-        wanted = named.get(quantity, "").strip()
-        found = recognised(quantity, self.names, _plain(wanted.removeprefix("-")))
-        if found is None:
-            return None
-        name, factor, unit = found
-        if self.names.count(name) > 1:
-            where = f"{self.source}, line {self.first}"
-            raise ValueError(f"{where}: the column {name!r} is named twice")
-        return Column(self.names.index(name), -factor if wanted[:1] == "-" else factor, unit)
-
-    def numbers(self, name: str, column: Column, *, invalid: bool = False) -> Array:
-        """The numbers of a column, in the units of `RadarScan`; times may be dates.
-
-        A word that is not one raises a ValueError with its line, or is nan with ``invalid``.
-        """
-        words = self.words[column.place]
-        convert: Callable[[str], float] = float_of
-        if name == "time" and words and is_date(words[0]):
-            convert = seconds_of
-        values = np.empty(len(words))
-        for i, word in enumerate(words):
-            try:
-                values[i] = convert(word)
-            except ValueError:
-                if not invalid:
-                    raise ValueError(
-                        f"{self.where(i)}: {name} must be a number, but is {brief(repr(word))}"
-                    ) from None
-                values[i] = np.nan
-        return values if convert is seconds_of else values * column.factor
 
     def where(self, row: int) -> str:
         """The file and the line of a row, for messages."""
         return f"{self.source}, line {self.lines[row]}"
 
+    def numbers(self, *, invalid: bool = False) -> dict[str, Array]:
+        """The columns of numbers, in the units of `RadarScan`; times may be dates.
+
+        A word that is not one raises a ValueError with its line, or is nan with ``invalid``.
+        """
+        return {name: self._numbers(name, invalid) for name in self.columns if name not in _TEXTS}
+
+    def _numbers(self, name: str, invalid: bool) -> Array:
+        words, factor = self.words[name], self.columns[name].factor
+        dates = name == "time" and len(words) > 0 and is_date(words[0])
+        convert = seconds_of if dates else float_of
+        values = np.empty(len(words))
+        for row, word in enumerate(words):
+            try:
+                values[row] = convert(word)
+            except ValueError:
+                if not invalid:
+                    number(f"{self.where(row)}: {name}", word, convert)
+                values[row] = np.nan
+        return values if dates else values * factor
+
+    def check(self, columns: Mapping[str, Array], used: Mask | bool = True) -> None:
+        """Raise a ValueError that names the first line with a number that is out of bounds."""
+        wrong = {
+            int(np.argmax(bad)): name
+            for name, column in columns.items()
+            if (bad := used & ~_bounds(name).hold(column)).any()
+        }
+        if wrong:
+            row, name = min(wrong.items())
+            bounds, value = _bounds(name), float(columns[name][row])
+            if name in ANGLES and self.columns[name].unit == "deg":
+                value, most = math.degrees(value), math.degrees(bounds.most)
+                bounds = bounds._replace(most=most, unit="in degrees, ", hint="")
+            bounds.number(f"{self.where(row)}: {name}", value)
+
+
+def _bounds(name: str) -> Bounds:
+    bounds = _FASTEST if name == "yaw_rate" else BOUNDS.get(name, FINITE)
+    hint = "; are these degrees (degrees=True, on the command line --degrees)?"
+    return bounds._replace(hint=hint) if name in ANGLES else bounds
+
 
 def recognised(
-    quantity: str, names: Collection[str], wanted: str = ""
-) -> tuple[str, float, str] | None:
-    """The name of a quantity among others, the factor of its unit and the unit that it ends with.
+    quantity: str, names: Collection[str], wanted: str = "", stated: str = ""
+) -> Column | None:
+    """The column of a quantity among others, by the ``wanted`` name if one is given.
 
-    It is the ``wanted`` name if one is given.
+    A minus sign before it turns the sign.  The unit is at the end of the name, or the ``stated``.
     """
     known, units = QUANTITIES[quantity]
     usual = (f"{name}_{unit}" if unit else name for name in known for unit in ("", *units))
-    name = next((each for each in ([wanted] if wanted else usual) if each in names), None)
+    plain = _plain(wanted.strip().removeprefix("-"))
+    name = next((each for each in ([plain] if plain else usual) if each in names), None)
     if name is None:
         return None
-    unit = max((u for u in units if name.endswith(f"_{u}")), key=len, default="")
-    return name, units.get(unit, 1.0), unit
+    unit = max((u for u in units if name.endswith(f"_{u}")), key=len, default=stated)
+    sign = -1.0 if wanted.strip()[:1] == "-" else 1.0
+    return Column(name, sign * units.get(unit, 1.0), unit)
 
 
-def read_table(source: Path, lacking: Callable[[Table], str], *, torn: bool = False) -> Table:
-    """The table of a file, whose first line names the columns, perhaps behind a #.
+def read_table(
+    source: Path,
+    quantities: Iterable[str],
+    lacking: Callable[[Collection[str]], str],
+    *,
+    named: Mapping[str, str] = {},
+    stated: Mapping[str, str] = {},
+    torn: bool = False,
+) -> Table:
+    """The columns of some quantities in a file, whose first line names them, perhaps behind a #.
 
     Columns are separated by a comma, a semicolon or a tab, and numbers may have a decimal comma.
-    Lines that are empty or begin with # are skipped.  ``lacking`` says what a first line lacks.
-    Raises a ValueError if the first line lacks something, and one with its number if a line has
-    another number of words, unless ``torn`` lines are left out.
+    Lines that are empty or begin with # are skipped.  Names and units of columns may be ``named``
+    and ``stated``, by quantity; ``lacking`` says what is missing beside those that are there.
+    Raises a ValueError if something is, and one with its number if a line has another number of
+    words, unless ``torn`` lines are left out.
     """
+    wanted = [(name, named.get(name, ""), stated.get(name, "")) for name in quantities]
     file = io.StringIO(decoded(source), newline="")
-    for number, line in enumerate(iter(file.readline, ""), start=1):
+    for count, line in enumerate(iter(file.readline, ""), start=1):
         separator = max(",;\t", key=line.count)
         names = [_plain(word.strip().strip('"')) for word in line.lstrip("# ").split(separator)]
-        table = Table(source, number, names, np.empty(0, np.int64), [[]] * len(names), 0)
-        missing = lacking(table)
-        if not missing:
-            return _filled(table, csv.reader(file, delimiter=separator, strict=True), torn)
-        if line.strip() and not line.startswith("#"):
+        found = {name: recognised(name, names, *how) for name, *how in wanted}
+        columns = {name: column for name, column in found.items() if column is not None}
+        missing, where = lacking(columns), f"{source}, line {count}"
+        if missing and line.strip() and not line.startswith("#"):
             raise ValueError(
-                f"{source}, line {number}: the first line must name the columns {missing}, but "
-                f"names {brief(', '.join(map(repr, names)))}"
+                f"{where}: the first line must name the columns {missing}, but names "
+                f"{brief(', '.join(map(repr, names)))}"
             )
+        if not missing:
+            for quantity, (name, _, unit) in columns.items():
+                if names.count(name) > 1:
+                    raise ValueError(f"{where}: the column {name!r} is named twice")
+                if unit != (said := stated.get(quantity, unit)):
+                    raise ValueError(f"{where}: {name} is in {unit}, but is said to be in {said}")
+            reader = csv.reader(file, delimiter=separator, strict=True)
+            rows, lines, left_out = _rows(source, count, reader, len(names), torn)
+            each = [*zip(*rows, strict=True)] if rows else [()] * len(names)
+            words = {name: each[names.index(column.name)] for name, column in columns.items()}
+            return Table(source, columns, words, np.array(lines, dtype=np.int64), left_out)
     raise ValueError(f"{source} is empty: its first line must name the columns")
 
 
-def _filled(table: Table, reader: Any, torn: bool) -> Table:
-    """The table with the rows below its first line."""
-    width, lines, rows, left_out = len(table.names), [], [], 0
+def _rows(
+    source: Path, first: int, reader: Any, width: int, torn: bool
+) -> tuple[list[list[str]], list[int], int]:
+    """The rows below the first line, the numbers of their lines, and how many are torn."""
+    rows, lines, left_out = [], [], 0
     try:
         for row in reader:
             if len(row) == width and (row[0] or any(row)) and row[0][:1] != "#":
-                lines.append(table.first + reader.line_num)
+                lines.append(first + reader.line_num)
                 rows.append(row)
             elif any(word.strip() for word in row) and not row[0].startswith("#"):
                 left_out += 1
@@ -179,10 +215,8 @@ def _filled(table: Table, reader: Any, torn: bool) -> Table:
                         f"there must be {width} values as in the first line, but are {len(row)}"
                     )
     except (csv.Error, ValueError) as error:
-        where = f"{table.source}, line {table.first + reader.line_num}"
-        raise ValueError(f"{where}: {error}") from None
-    words = [*zip(*rows, strict=True)] if rows else [()] * width
-    return table._replace(lines=np.array(lines, dtype=np.int64), words=words, torn=left_out)
+        raise ValueError(f"{source}, line {first + reader.line_num}: {error}") from None
+    return rows, lines, left_out
 
 
 def decoded(path: Path) -> str:
@@ -198,10 +232,11 @@ def decoded(path: Path) -> str:
             if len(raw) > most:
                 raise ValueError(f"it holds over {most} bytes, too many for its size")
     if raw[:4] == b"PAR1":
-        import pandas
-
         with reading(path, "a Parquet file that pandas reads"):
-            return str(pandas.read_parquet(io.BytesIO(raw)).to_csv(index=False))
+            import pandas
+
+            frame = pandas.read_parquet(io.BytesIO(raw))
+            return str(frame.to_csv(index=frame.index.name is not None))
     if raw[:2] in (b"\xff\xfe", b"\xfe\xff"):
         return raw.decode("utf-16", errors="replace")
     try:
@@ -231,17 +266,22 @@ def seconds_of(word: str) -> float:
     return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
 
 
-def scan_of(time: float, columns: Mapping[str, Any]) -> RadarScan:
-    """The scan of targets that have range and azimuth, or else x and y, and perhaps a height."""
-    errors: dict[str, Any] = {n: c for n, c in columns.items() if n.startswith("sigma_")}
-    if not {"range", "azimuth"} <= columns.keys():
-        place = columns["x"], columns["y"], columns.get("z")
-        return RadarScan.from_cartesian(time, *place, doppler=columns["doppler"], **errors)
-    elevation = columns.get("elevation")
-    if elevation is None and "z" in columns:
-        elevation = np.arcsin(np.clip(columns["z"] / columns["range"], -1.0, 1.0))
-    measured = (columns[name] for name in MEASURED)
-    return RadarScan(time, *measured, **errors, elevation=elevation)
+def valid(columns: Mapping[str, Array]) -> Mask:
+    """Mask of the targets that have all numbers, and a place that is not the sensor's."""
+    away = (
+        columns["range"] > 0.0 if "range" in columns else (columns["x"] != 0) | (columns["y"] != 0)
+    )
+    return np.asarray(away & np.isfinite(np.stack([*columns.values()])).all(axis=0))
+
+
+def warn_of_left_out(where: object, left_out: int, count: int, what: str) -> None:
+    """Warn if targets are left out that are not `valid`."""
+    if left_out:
+        warnings.warn(
+            f"{where}: {left_out} of {count} {what} are left out, because a number is missing or "
+            "not finite, or the range is not positive",
+            stacklevel=3,
+        )
 
 
 def usual_sigmas(where: object, known: Collection[str]) -> dict[str, float]:
@@ -257,10 +297,23 @@ def usual_sigmas(where: object, known: Collection[str]) -> dict[str, float]:
     return {name: _USUAL[name] for name in taken}
 
 
-def number(name: str, text: str) -> float:
+def scan_of(time: float, columns: Mapping[str, Any]) -> RadarScan:
+    """The scan of targets that have range and azimuth, or else x and y, and perhaps a height."""
+    errors: dict[str, Any] = {n: c for n, c in columns.items() if n.startswith("sigma_")}
+    if not {"range", "azimuth"} <= columns.keys():
+        place = columns["x"], columns["y"], columns.get("z")
+        return RadarScan.from_cartesian(time, *place, doppler=columns["doppler"], **errors)
+    elevation = columns.get("elevation")
+    if elevation is None and "z" in columns:
+        elevation = np.arcsin(np.clip(columns["z"] / columns["range"], -1.0, 1.0))
+    measured = (columns[name] for name in MEASURED)
+    return RadarScan(time, *measured, **errors, elevation=elevation)
+
+
+def number(name: str, text: str, convert: Callable[[str], float] = float_of) -> float:
     """The number that a text is; a ValueError names what it should be."""
     try:
-        return float_of(text)
+        return convert(text)
     except ValueError:
         raise ValueError(f"{name} must be a number, but is {brief(repr(text))}") from None
 
