@@ -193,6 +193,11 @@ def stated_by_models(own: Tracks, matrix: Array, factors: Array) -> dict[str, Co
     return {name: found[name] for name in MODELS if name in found}
 
 
+def mean_bounds(terms: Array, block: int) -> Array:
+    """Bounds (2,) of the 95 % interval of a mean of correlated terms (n,)."""
+    return block_bootstrap(np.mean, [terms], block, np.random.default_rng(0), vectorized=True)
+
+
 def measure(models: Mapping[str, Comparison]) -> list[dict[str, Any]]:
     """The measures of every model on a drive."""
     stored = models[STORED]
@@ -210,7 +215,7 @@ def measure(models: Mapping[str, Comparison]) -> list[dict[str, Any]]:
             "independent": len(seen.times) / seen.block,
             "accepted": seen.share,
             "gross": (np.abs(seen.errors) > GROSS).any(axis=1).mean(),
-            "ANEES bounds": seen.intervals().anees,
+            "ANEES bounds": mean_bounds((seen.whitened.values**2).mean(axis=-1), seen.block),
         }
         shared = np.isin(seen.times, stored.times), np.isin(stored.times, seen.times)
         each = [
@@ -219,9 +224,7 @@ def measure(models: Mapping[str, Comparison]) -> list[dict[str, Any]]:
         ]
         difference = each[0] - each[1]
         row["difference"] = float(difference.mean())
-        row["difference bounds"] = block_bootstrap(
-            np.mean, [difference], seen.block, np.random.default_rng(0), vectorized=True
-        )
+        row["difference bounds"] = mean_bounds(difference, seen.block)
         rows.append(row)
     return rows
 
