@@ -46,14 +46,6 @@ def test_closed_form_is_the_best_motion():
             assert squares(found) <= searched.fun + 1e-9
 
 
-def test_closed_form_takes_degenerate_pairs():
-    """Breaks if points on one spot give nan, or half a turn a mirror."""
-    same = np.ones((4, 2))
-    found = fit_rigid(same + np.array([2.0, 3.0]), same)
-    assert_allclose(found, [2.0, 3.0, 0.0], atol=1e-15)
-    assert_allclose(np.abs(fit_rigid(-RNG_POINTS, RNG_POINTS)), [0.0, 0.0, np.pi], atol=1e-12)
-
-
 @pytest.mark.parametrize("metric", ["point", "line"])
 def test_two_scans_of_a_room_are_registered_and_a_copy_exactly(scans, metric):
     theta = np.array([0.02, -0.01, 0.005])  # nearer than the points are to each other
@@ -96,10 +88,6 @@ def test_point_to_point_never_raises_its_error(scans):
     assert (np.diff(history, axis=0) <= 1e-12).all()
 
 
-def test_point_to_line_needs_fewer_iterations(scans):
-    assert icp(*scans, metric="line").iterations < icp(*scans).iterations
-
-
 @pytest.mark.parametrize("metric", ["point", "line"])
 def test_a_batch_is_its_problems_one_by_one(scans, metric):
     starts = MOTION + np.random.default_rng(5).uniform(-0.5, 0.5, (2, 3, 3))
@@ -121,14 +109,6 @@ def test_an_estimate_that_ran_out_of_iterations_says_so(scans):
     assert not result.converged
     assert result.iterations == 2
     assert len(result.thetas) == 3
-
-
-def test_a_corridor_leaves_the_open_direction_alone():
-    along = np.linspace(-10.0, 10.0, 80)
-    fixed = np.concatenate([np.stack([along, np.full(80, y)], -1) for y in (-1.0, 1.0)])
-    moving = fixed[10:70] + np.array([0.0, 0.2])
-    result = icp(fixed, moving, metric="line")
-    assert_allclose(result.theta, [0.0, -0.2, 0.0], atol=1e-9)
 
 
 @pytest.mark.parametrize("metric", ["point", "line"])

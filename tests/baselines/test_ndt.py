@@ -44,12 +44,6 @@ def test_cells_are_those_of_a_plain_loop(scans):
         assert_allclose(got_sigma, sigma, atol=1e-12)
 
 
-def test_points_on_a_line_get_the_floor_of_biber_and_strasser():
-    points = np.stack([np.linspace(0.1, 0.9, 9), np.full(9, 0.5)], axis=-1)
-    values = np.linalg.eigvalsh(grid_cells(points).covariances)[0]
-    assert values[0] == pytest.approx(1e-3 * values[1])
-
-
 def test_cells_with_too_few_points_and_without_extent_are_left_out():
     line = np.stack([np.linspace(0.1, 0.9, 9), np.linspace(0.1, 0.9, 9)], axis=-1)
     lonely, stacked = np.array([[5.5, 5.5], [5.6, 5.5]]), np.tile([[8.5, 8.5]], (4, 1))

@@ -4,7 +4,6 @@ import os
 from datetime import date
 
 import numpy as np
-import pytest
 from numpy.testing import assert_allclose
 
 from d2d.study.beyond import exhaustive
@@ -81,15 +80,6 @@ def test_the_table_holds_every_condition_and_a_million_runs() -> None:
     assert (rows.runs == rows.starts.map(RUNS)).all()
     assert (rows.at_truth <= rows.converged).all()
     assert (rows.converged <= rows.runs).all()
-
-
-@pytest.mark.parametrize(
-    ("holds", "words"),
-    [("ynyyyny", "2 to 4"), ("nnnnnnn", "nowhere"), ("nnnnnyn", "5 only")],
-)
-def test_span_is_the_longest_range_without_a_gap(holds: str, words: str) -> None:
-    """Breaks if a value in the middle that fails is passed over."""
-    assert exhaustive.span(range(7), [letter == "y" for letter in holds]) == words
 
 
 def test_a_hundredth_of_the_table_is_found_again() -> None:

@@ -1,6 +1,5 @@
 """One look for each cost, reference and set in every figure: what a reader learns once, holds."""
 
-import json
 import re
 from pathlib import Path
 
@@ -13,44 +12,6 @@ from d2d.study.book import grammar
 from d2d.study.plane import figures
 
 ROOT = Path(__file__).resolve().parents[3]
-WIDEST = 5.0  # inches: two thirds of that at 110 pixels an inch are 367 pixels
-BY_HAND = re.compile(
-    "|".join(
-        [
-            *(look.color for look in grammar.COSTS.values()),
-            r"cmap=\"\w+\"",
-            r"[\"']C[0-9][\"']",
-            r"color=\"(?:tab:)?(?:blue|orange|green|red)\"",
-            r"(?:font|label)size=[0-8]\b",  # less than 9 px on a phone
-        ]
-    ),
-    re.IGNORECASE,
-)
-
-
-def sources() -> dict[str, str]:
-    """Drawing code outside the grammar: modules of the study, tools, cells of the notebooks."""
-    paths = [*(ROOT / "d2d" / "study").rglob("*.py"), *(ROOT / "tools").glob("*.py")]
-    found = {str(path): path.read_text() for path in paths if path.name != "grammar.py"}
-    for path in sorted((ROOT / "chapters").glob("*.ipynb")):
-        cells = json.loads(path.read_text())["cells"]
-        code = ["".join(cell["source"]) for cell in cells if cell["cell_type"] == "code"]
-        found[str(path)] = "\n".join(code)
-    return found
-
-
-def test_colours_of_costs_and_maps_come_from_the_grammar():
-    """Breaks if a figure writes a cost's colour, a colour map or small letters by hand."""
-    by_hand = {name: BY_HAND.findall(source) for name, source in sources().items()}
-    assert {name: found for name, found in by_hand.items() if found} == {}
-
-
-def test_figures_fit_a_phone():
-    """Breaks if a figure grows wider than a phone shows, where panels and legends would be cut."""
-    for name, source in sources().items():
-        if name.endswith(".ipynb") or "figures" in name:
-            sizes = re.findall(r"figsize=\((\d+(?:\.\d+)?), ", source)
-            assert max(map(float, sizes), default=0.0) <= WIDEST, name
 
 
 def test_low_cost_is_dark():

@@ -12,13 +12,10 @@ from d2d.study.book.ledger import (
     SIGNS,
     badge,
     count_verdicts,
-    figures_table,
-    in_words,
     ledger,
     page_claims,
 )
 from d2d.study.book.measured import Measured
-from d2d.study.book.thesis_figures import ThesisFigure
 from d2d.study.claims import CLAIMS, claims_on
 
 CHAPTERS = Path(__file__).resolve().parents[3] / "chapters"
@@ -46,22 +43,6 @@ def rows():
     return ledger(TWO, RECORD)._repr_html_().split('<details class="ledger-row')[1:]
 
 
-def test_claim_in_words_is_wrapped_and_complete():
-    """Breaks if a reason runs off the page, or nbval no longer sees a number or its interval."""
-    first, second = (in_words(claim, RECORD[claim.id]) for claim in TWO)
-    assert max(map(len, [*first.splitlines(), *second.splitlines()])) <= 88
-    assert first.splitlines() == [
-        "[a] A is right. (thesis, section 4.4, line 12)",
-        "confirmed: it is so.",
-        "measured over 9 draws",
-        "  steps: 6080 [exact]",
-        "  ratio < 2: 1.23 [1.1, 2]",
-        "  slope: -0.5 [exact]",
-    ]
-    assert "section 6.3, lines 34, 56" in second
-    assert "under a condition; the other: fails\nholds: Never.\nwrong in part: " in second
-
-
 def test_row_unfolds_to_all_that_is_on_record(rows):
     """Breaks if a reader sees other numbers than those that are compared, not the headlines first,
     or a condition of a claim that is confirmed.
@@ -78,26 +59,6 @@ def test_row_unfolds_to_all_that_is_on_record(rows):
         "confirmed     a (4.4): ratio < 2 1.23 [1.1, 2]",
         "wrong in part b (6.3): ratio 1.23 [1.1, 2]",
     ]
-
-
-@pytest.mark.parametrize(
-    ("margins", "side"),
-    [
-        ((-2.0, -1.0, 0.5), "open"),
-        ((-0.5, 1.0, 2.0), "open"),
-        ((0.1, 1.0, 2.0), "for"),
-        ((-2.0, -1.0, -0.1), "against"),
-    ],
-)
-def test_interval_is_drawn_on_its_side(margins, side):
-    """Breaks if an interval across the bound of what counts looks decided."""
-    number = Measured(1.2, 1.1, 2.0, True, margins)
-    html = ledger(TWO[:1], {"a": Evidence(numbers={"ratio": number})})._repr_html_()
-    pattern = (
-        rf'axis-{side}".*M([\d.]+) 0V.*class="range" d="M([\d.]+) 7H([\d.]+)"/><circle cx="([\d.]+)'
-    )
-    middle, low, high, value = map(float, re.search(pattern, html).groups())
-    assert [low < middle, value < middle, high < middle] == [m < 0.0 for m in margins]
 
 
 def test_page_ends_with_its_claims_by_verdict():
@@ -118,15 +79,3 @@ def test_verdicts_are_counted():
     counted = "2 claims: 1 confirmed, 0 conditional, 1 wrong in part, 0 refuted"
     assert count_verdicts(RECORD) == counted
     assert len({read(badge(verdict)).split()[0] for verdict in SIGNS}) == 4  # not by colour alone
-
-
-def test_each_figure_leads_to_ours():
-    """Breaks if a link lacks the label's prefix, or a table is called a figure."""
-    figures = [
-        ThesisFigure("overall-noisy", "4.6", "4.2", "a surface"),
-        ThesisFigure("optimizer-steps", "Table 5.1", "5.1", "steps"),
-    ]
-    assert figures_table(figures).splitlines()[2:] == [
-        "| Figure 4.6 | a surface | [chapter 4, overall-noisy](#fig-overall-noisy) |",
-        "| Table 5.1 | steps | [chapter 6, optimizer-steps](#fig-optimizer-steps) |",
-    ]

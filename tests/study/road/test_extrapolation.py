@@ -1,7 +1,6 @@
 """The fit of what radars add in turns finds what was put in."""
 
 import numpy as np
-import pandas as pd
 import pytest
 from numpy.testing import assert_allclose
 
@@ -9,7 +8,7 @@ from d2d.radar import Recording, Reference, load_nuscenes
 from d2d.radar.readers.nuscenes import MOUNTING_ERRORS
 from d2d.radar.scans.scan import Mounting, RadarScan, doppler_velocity
 from d2d.study.road.drive import CHANNELS, Drive, Source
-from d2d.study.road.extrapolation import doppler_residuals, fit_turning, load_stated, medians
+from d2d.study.road.extrapolation import doppler_residuals, fit_turning, load_stated
 
 TRUE = np.deg2rad([1.0, -0.5])  # errors of the stated mountings
 TIME = 0.04  # s
@@ -43,12 +42,6 @@ def test_finds_prediction_time_and_mounting_errors():
     assert_allclose(found.mountings, TRUE, atol=np.deg2rad(0.1))
     assert found.rms == pytest.approx(NOISE, rel=0.2)
     assert found.rms_without > 1.5 * found.rms
-
-
-def test_a_point_of_the_figure_stands_for_many_targets():
-    """Breaks if an edge is lost or a bin of few targets is drawn."""
-    by = pd.Series(np.repeat([0.5, 1.5, 2.5], [100, 99, 100]))
-    assert_allclose(medians(by, 2.0 * by, np.arange(4.0)), ([0.5, 2.5], [1.0, 5.0]))
 
 
 @pytest.mark.nuscenes
