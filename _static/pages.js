@@ -4,6 +4,7 @@ document.addEventListener("DOMContentLoaded", () => {
   const named = document.querySelectorAll("summary[aria-label], .search-button[aria-label], .search-button-field");
   named.forEach((each) => each.removeAttribute("aria-label"));
   document.querySelectorAll(".measured-scroll").forEach((each) => (each.tabIndex = 0)); // to scroll by keys
+  if (innerWidth >= 1200) captionsAside();
   const rows = [...document.querySelectorAll(".ledger-row")];
   if (!rows.length) return;
   nameSigns();
@@ -34,6 +35,16 @@ var Scorer = {
   term: 5,
   partialTerm: 2,
 };
+
+/** Captions in the margin, from the top of their figures; the page's contents fold away from what stands there. */
+function captionsAside() {
+  for (const caption of document.querySelectorAll("figure:has(> img) > figcaption")) {
+    const figure = caption.parentNode;
+    const wide = figure.querySelector("img.page");
+    if (!wide) figure.prepend(caption);
+    (wide ? figure : caption).classList.add("popout");
+  }
+}
 
 /** A sign of the map says which claim it is of. */
 function nameSigns() {

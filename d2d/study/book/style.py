@@ -7,6 +7,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
+from matplotlib.font_manager import fontManager
 from numpy.typing import NDArray
 
 PAGE = 7.2
@@ -18,9 +19,11 @@ class ``page``: the page shows the one that fits.
 
 
 def use_style() -> None:
-    """Switch matplotlib to the book's style."""
-    with as_file(files("d2d.study.book") / "book.mplstyle") as path:
-        plt.style.use(path)
+    """Switch matplotlib to the book's style, with the letters of its pages."""
+    with as_file(files("d2d.study.book")) as folder:
+        for face in sorted((folder / "fonts").glob("*.ttf")):
+            fontManager.addfont(face)
+        plt.style.use(folder / "book.mplstyle")
 
 
 def letter_panels(axes: NDArray[np.object_]) -> None:
