@@ -37,3 +37,9 @@ def intervals(ax: Axes, values: Array, bounds: Array, places: ArrayLike, **style
     """Values (n,) with bars between their bounds (n, 2), at these places of the y axis."""
     spread = np.abs(bounds.T - values)
     ax.errorbar(values, places, xerr=spread, ms=6, elinewidth=1.2, **style)
+
+
+def label(ax: Axes, where: Any, text: str, color: str, shift: tuple[float, float]) -> None:
+    """Write a name beside what it names, in its colour, shifted by points."""
+    style: dict[str, Any] = {"textcoords": "offset points", "fontsize": 9.5, "clip_on": False}
+    ax.annotate(text, where, shift, color=color, **style)

@@ -2,11 +2,13 @@
 
 from collections.abc import Sequence
 from importlib.resources import as_file, files
+from textwrap import fill
 
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
+from matplotlib.figure import Figure
 from matplotlib.font_manager import fontManager
 from numpy.typing import NDArray
 
@@ -36,6 +38,12 @@ def letter_panels(axes: NDArray[np.object_]) -> None:
         for axis, side in ((ax.xaxis, "labelbottom"), (ax.yaxis, "labelleft")):
             if not axis.get_tick_params().get(side, True):
                 axis.set_label_text("")
+
+
+def headline(figure: Figure, finding: str) -> None:
+    """Write above all panels what a figure shows, in lines that are as wide as the figure."""
+    letters = round(11.8 * figure.get_figwidth())
+    figure.suptitle(fill(finding, letters), x=0.01, ha="left")
 
 
 def write_out_ticks(axis: Axis, ticks: Sequence[float]) -> None:

@@ -18,7 +18,7 @@ from d2d.problem import Estimate
 from d2d.radar import Comparison, Mounting
 from d2d.radar.simulation.drive import STEPS, Sensor
 from d2d.radar.simulation.world import KINDS, World
-from d2d.study.book.drawing import ellipses, intervals
+from d2d.study.book.drawing import ellipses, intervals, label
 from d2d.study.book.grammar import (
     BLACK,
     COSTS,
@@ -64,7 +64,7 @@ def coordinate_frames(ax: Axes, mounting: Mounting, labels: Mapping[str, str]) -
         (target, target + 1.2 * sight, GREY, "doppler", (6, -6)),
     ):
         _arrow(ax, start, tip, color, lw=1.5)
-        _label(ax, tip, labels[name], color, shift)
+        label(ax, tip, labels[name], color, shift)
     origin, place = (0.0, 0.0), (mounting.x, mounting.y)
     for centre, size, low, high, color, name, shift in (
         (place, 2.8, 0.0, mounting.yaw, PURPLE, "yaw", (4, -4)),
@@ -74,11 +74,11 @@ def coordinate_frames(ax: Axes, mounting: Mounting, labels: Mapping[str, str]) -
         angles = {"theta1": np.rad2deg(low), "theta2": np.rad2deg(high)}
         ax.add_patch(Arc(centre, size, size, color=color, **angles))
         middle = np.add(centre, 0.5 * size * _towards(0.5 * (low + high)))
-        _label(ax, middle, labels[name], color, shift)
+        label(ax, middle, labels[name], color, shift)
     _arrow(ax, 0.75 * _towards(1.1), 0.75 * _towards(1.35), BLACK)
-    _label(ax, 0.45 * sensor + 0.55 * target, labels["range"], OCHRE, (-34, 4))
-    _label(ax, (0.5 * mounting.x, 0.0), labels["offset x"], PURPLE, (0, -15))
-    _label(ax, (mounting.x, 0.5 * mounting.y), labels["offset y"], PURPLE, (5, -5))
+    label(ax, 0.45 * sensor + 0.55 * target, labels["range"], OCHRE, (-34, 4))
+    label(ax, (0.5 * mounting.x, 0.0), labels["offset x"], PURPLE, (0, -15))
+    label(ax, (mounting.x, 0.5 * mounting.y), labels["offset y"], PURPLE, (5, -5))
     for point, marker, color in ((target, "^", OCHRE), (place, "s", PURPLE), (origin, "o", BLACK)):
         ax.plot(*point, marker, color=color, ms=8)
     ax.set(xlim=(-1.4, 8.2), ylim=(-1.6, 6.9), xlabel="x (m)", ylabel="y (m)", aspect="equal")
@@ -93,11 +93,6 @@ def _arrow(ax: Axes, start: Any, end: Any, color: str, **style: Any) -> None:
     ax.annotate("", end, start, arrowprops=arrow)
 
 
-def _label(ax: Axes, where: Any, text: str, color: str, shift: tuple[float, float]) -> None:
-    style: dict[str, Any] = {"textcoords": "offset points", "fontsize": 9.5, "clip_on": False}
-    ax.annotate(text, where, shift, color=color, **style)
-
-
 def platform(ax: Axes, mounting: Mounting, sensor: Sensor) -> None:
     """The robot from above, a metre long, with its radar and a part of its view."""
     view_length = 2.2  # m
@@ -109,12 +104,12 @@ def platform(ax: Axes, mounting: Mounting, sensor: Sensor) -> None:
     half, sensor_position = np.rad2deg(sensor.field_of_view), (mounting.x, mounting.y)
     _field_of_view(ax, mounting, sensor, length=view_length, alpha=0.35)
     ax.plot(*sensor_position, "s", color=PURPLE, ms=8)
-    _label(ax, sensor_position, "radar", PURPLE, (9, -4))
-    _label(ax, (mounting.x + 0.55 * view_length, 0.0), f"±{half:.0f}°", PURPLE, (-14, -4))
+    label(ax, sensor_position, "radar", PURPLE, (9, -4))
+    label(ax, (mounting.x + 0.55 * view_length, 0.0), f"±{half:.0f}°", PURPLE, (-14, -4))
     _arrow(ax, (0, 0), (0.3, 0), BLACK)
     _arrow(ax, (0, 0), (0, 0.3), BLACK)
-    _label(ax, (0.24, 0), "$x$", BLACK, (-2, 4))
-    _label(ax, (0, 0.1), "$y$", BLACK, (-12, -2))
+    label(ax, (0.24, 0), "$x$", BLACK, (-2, 4))
+    label(ax, (0, 0.1), "$y$", BLACK, (-12, -2))
     ax.set(xlim=(-0.7, mounting.x + view_length + 0.1), ylim=(-1.45, 1.45))
     ax.set(xlabel="x (m)", ylabel="y (m)")
     ax.set_aspect("equal")
@@ -147,8 +142,8 @@ def street(ax: Axes, world: World, pose: ArrayLike = (0.0, 0.0, 0.0)) -> None:
     still = world.reflectors
     for kind, size in (("wall", 1.0), ("car", 1.5), ("vegetation", 1.5), ("pole", 4.0)):
         points = rigid.transform_means(to_frame, still.positions[still.kind == kind])
-        label = kind if kind != "car" else "parked car"
-        ax.plot(*points.T, ".", color=COLOURS[kind], ms=size, label=label)
+        name = kind if kind != "car" else "parked car"
+        ax.plot(*points.T, ".", color=COLOURS[kind], ms=size, label=name)
 
 
 def surroundings(ax: Axes, world: World, pose: ArrayLike, time: float, mounting: Mounting) -> None:
@@ -191,29 +186,42 @@ def error_columns(
 
 
 def velocity_ellipses(ax: Axes, estimates: Mapping[str, Estimate], theta: Array) -> None:
-    """95 % ellipses of estimated velocities without and with Doppler, and the true ``theta``."""
+    """95 % ellipses of estimated velocities without and with Doppler, and the true ``theta``.
+
+    An inset enlarges the smaller one.
+    """
+    inset = ax.inset_axes((0.6, 0.08, 0.38, 0.76), aspect="equal")
     for name, estimate in estimates.items():
         color = GREY if name == "without Doppler" else ROBUST
         of_velocity = PointSet(estimate.theta[None, :2], estimate.covariance[None, :2, :2])
-        ax.plot(*estimate.theta[:2], "o", ms=3, color=color, label=name)
-        ellipses(ax, of_velocity, math.sqrt(chi2.ppf(0.95, 2)), edgecolor=color, linewidth=1.5)
-    ax.plot(*theta[:2], "+", color=BLACK, ms=9, label="truth")
-    ax.set(xlabel="$v_x$ (m/s)", ylabel="$v_y$ (m/s)", aspect="equal")
-    ax.autoscale_view()
+        for panel in (ax, inset) if color == ROBUST else (ax,):
+            panel.plot(*estimate.theta[:2], "o", ms=3, color=color)
+            size = math.sqrt(chi2.ppf(0.95, 2))
+            ellipses(panel, of_velocity, size, edgecolor=color, linewidth=1.5)
+        if color == ROBUST:
+            inset.set_title(name, color=color)
+        else:
+            label(ax, estimate.theta[:2], name, color, (-30, 6))
+    for panel in (ax, inset):
+        panel.plot(*theta[:2], "+", color=BLACK, ms=9)
+        panel.autoscale_view()
+    label(inset, theta[:2], "truth", BLACK, (7, -12))
+    ax.set(xlabel="$v_x$ (m/s)", ylabel="$v_y$ (m/s)", aspect="equal", adjustable="datalim")
+    low, high = ax.get_xlim()
+    ax.set_xlim(low, low + 2.6 * (high - low))
+    ax.indicate_inset_zoom(inset, edgecolor="0.5")
 
 
 def rejected_kinds(ax: Axes, shares: Mapping[str, Mapping[str, float]]) -> None:
-    """Bars of the rejected share of each kind of target, side by side for the named tracks."""
-    width = 0.8 / len(shares)
-    for k, (name, share) in enumerate(shares.items()):
-        places = np.arange(len(share)) + (k - 0.5 * (len(shares) - 1)) * width
-        bars = ax.barh(places, list(share.values()), width, label=name, color=(GREY, ROBUST)[k])
-        ax.bar_label(bars, fmt="%.2f", padding=2, fontsize=9)
+    """Mark the rejected share of each kind of target, for the named tracks in one row."""
     kinds = list(next(iter(shares.values())))
+    both = np.array([list(share.values()) for share in shares.values()])
+    ax.hlines(range(len(kinds)), both.min(axis=0), both.max(axis=0), color="0.8", lw=2.0)
+    for (name, share), color, mark in zip(shares.items(), (GREY, ROBUST), "os", strict=True):
+        ax.plot(list(share.values()), range(len(kinds)), mark, color=color, ms=7, label=name)
     ax.set_yticks(range(len(kinds)), kinds)
     ax.invert_yaxis()
-    ax.set(xlim=(0.0, 1.18), xlabel="share rejected")
-    ax.set_xticks([0.0, 0.5, 1.0])
+    ax.set(xlim=(-0.03, 1.03), xlabel="share rejected", xticks=[0.0, 0.5, 1.0])
     ax.grid(axis="y", visible=False)
 
 
@@ -241,4 +249,3 @@ def ingredients(ax: Axes, trial: Mapping[str, TrialErrors]) -> None:
     ax.set(xscale="log", xlabel="ANEES")
     write_out_ticks(ax.xaxis, (1, 2, 5, 10, 20, 50))
     ax.grid(axis="y", visible=False)
-    ax.legend()

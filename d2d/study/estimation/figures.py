@@ -5,9 +5,11 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm
 
 from d2d._types import Array
-from d2d.study.book.grammar import BLACK, COSTS, OCHRE, PURPLE, SKY, TRUTH
+from d2d.study.book.drawing import intervals
+from d2d.study.book.grammar import BLACK, COST_MAP, COVARIANCES, OCHRE, PURPLE, SKY, TRUTH
 from d2d.study.book.style import write_out_ticks
 from d2d.study.estimation.descent import PairedTargets, profile
 from d2d.study.estimation.optimisers import Path
@@ -30,13 +32,15 @@ def draw_paths(
     t_y, angle = np.linspace(ends.min(axis=0) - margin, ends.max(axis=0) + margin, 81).T
     cost = profile(problem, t_y, angle)
     levels = cost.min() + np.geomspace(1.0, float(np.ptp(cost)), 14)
-    ax.contour(t_y, np.rad2deg(angle), cost, levels, colors="0.7", linewidths=0.7)
-    for number, (name, path) in enumerate(paths.items()):
+    filled: dict[str, Any] = {"cmap": COST_MAP, "norm": LogNorm(), "alpha": 0.35, "extend": "both"}
+    ax.contourf(t_y, np.rad2deg(angle), cost - cost.min() + 1.0, levels - cost.min(), **filled)
+    for name, path in paths.items():
         points = path.points[: None if iteration is None else iteration + 1]
         drawn = points[:, 1], np.rad2deg(points[:, 2])
-        ax.plot(*drawn, ".-", color=COLOURS[name], label=name, ms=5, lw=1.2)
-        if iteration is not None:
-            ax.plot(drawn[0][-1], drawn[1][-1], "o", color=COLOURS[name], ms=9 - 1.5 * number)
+        broad = 4.0 if name == "Gauss-Newton" else 1.5  # the path below Levenberg-Marquardt's
+        steps = f"{name}, {len(points) - 1} steps"
+        ax.plot(*drawn, ".-", color=COLOURS[name], label=steps, ms=5 + broad, lw=broad)
+    ax.grid(False)
     ax.set(xlabel="$t_y$ (m)", ylabel="$φ$ (°)")
 
 
@@ -75,26 +79,27 @@ def propagation_panel(
     ax.set(xlabel="x", ylabel="y", xlim=(left, high), ylim=(bottom, None))
 
 
-def stated_over_actual(
-    ax: Axes, studies: Mapping[str, tuple[str, StatedCovariances]], kind: str
-) -> None:
-    """Boxes of the stated over the actual variance of t_x, t_y and phi, a group for each cost.
+def stated_over_actual(ax: Axes, studies: Mapping[str, tuple[str, StatedCovariances]]) -> None:
+    """Mark the stated over the actual variance of t_x, t_y and phi, a group of rows for each cost.
 
-    ``studies`` holds, by the name below each group, the cost's key in the grammar and its study;
-    ``kind`` is the covariance.  Boxes are quartiles, whiskers reach to 5 % and 95 %;
-    those of P2D are dotted.
+    ``studies`` holds, by the name of each group, the cost's key in the grammar and its study.
+    Marks are medians over the runs, lines reach from 5 % to 95 %.
     """
-    for row, (name, (key, study)) in enumerate(studies.items()):
-        stated = np.diagonal(study.covariances[kind], axis1=1, axis2=2)
-        line = {"color": COSTS[key].color, "ls": ":" if "P2D" in name else "-"}
-        parts = dict.fromkeys(("boxprops", "whiskerprops", "capprops", "medianprops"), line)
-        positions = row + np.array([-0.25, 0.0, 0.25])
-        box: dict[str, Any] = {"widths": 0.18, "whis": (5, 95), "showfliers": False, **parts}
-        ratios = stated / study.errors.var(axis=0)
-        ax.boxplot(ratios, positions=positions, manage_ticks=False, **box)
-        for position, component in zip(positions, ("$t_x$", "$t_y$", "φ"), strict=True):
-            ax.annotate(component, (position, 0.18), ha="center", fontsize=9)
-    ax.axhline(1.0, **TRUTH)
-    ax.set(yscale="log", ylim=(0.15, 36.0), ylabel="stated / actual variance")
-    write_out_ticks(ax.yaxis, (0.25, 0.5, 1, 2, 4, 8, 16))
-    ax.set_xticks(range(len(studies)), list(studies))
+    names: list[str] = []
+    for name, (_, study) in studies.items():
+        rows = len(names) + np.arange(3)
+        names += [f"{name}  $t_x$", "$t_y$", "φ"]
+        for kind, look, shift in (
+            ("inverse Hessian", "inverse Hessian", -0.17),
+            ("propagated", "propagated noise", 0.17),
+        ):
+            stated = np.diagonal(study.covariances[kind], axis1=1, axis2=2)
+            low, middle, high = np.quantile(stated / study.errors.var(axis=0), [0.05, 0.5, 0.95], 0)
+            marks = COVARIANCES[look].marks | {"label": look if rows[0] == 0 else None}
+            intervals(ax, middle, np.stack([low, high], axis=-1), rows + shift, **marks)
+        ax.axhline(rows[-1] + 0.5, color="0.8", lw=0.8)
+    ax.axvline(1.0, **TRUTH)
+    ax.set_yticks(range(len(names)), names)
+    ax.set(xscale="log", xlabel="stated / actual variance", ylim=(len(names) - 0.5, -0.5))
+    write_out_ticks(ax.xaxis, (0.5, 1, 2, 4, 8, 16))
+    ax.grid(axis="y", visible=False)

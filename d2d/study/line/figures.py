@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 
 from d2d._types import Array
@@ -11,6 +12,7 @@ from d2d.cost import RegistrationCost
 from d2d.point_set import PointSet
 from d2d.study.book.grammar import (
     BLACK,
+    COSTS,
     DASH_DOTTED,
     DASHED,
     DOTTED,
@@ -20,10 +22,11 @@ from d2d.study.book.grammar import (
     cost_line,
     set_marks,
 )
+from d2d.study.book.style import headline, letter_panels
 from d2d.study.line import scene
 from d2d.study.line.surfaces import Peaks, log_surface, peaks, target_log_surfaces
 
-# Targets are grey and known by their letters; the lines tell them apart where curves cross.
+# Targets have tints of grey, and a row or a line of their own.
 TARGETS = (
     ("0.25", "-"),
     ("0.45", DASHED),
@@ -31,62 +34,48 @@ TARGETS = (
     ("0.25", DOTTED),
     ("0.45", DASH_DOTTED),
 )
-_LETTER = 0.016  # width of a letter over that of a figure
-_MOST = 14  # letters that an axis has room for
-_VISIBLE = 0.03  # of the highest maximum: a lower one lies on the axis
-LOWEST = 1e-60  # 1/m to the number of targets: the lower end of a logarithmic axis
 
 
 def line_targets(
     ax: Axes, points: PointSet, true: Array, names: Sequence[str], marks: str = "fixed"
 ) -> None:
-    """Draw targets of a 1D set: density (curve), true place (hollow) and observed place (filled).
+    """Draw a row for each target of a 1D set: density, true place (hollow) and observed (filled).
 
     The marks are those of the set ``marks``.
     """
-    low, high = true.min() - 2.0, true.max() + 2.0
-    x = np.linspace(low, high, 1201)
-    peak = 1.0 / np.sqrt(2.0 * np.pi * points.covariances.min())
-    for k, name in enumerate(names):
-        mean, variance = points.means[k, 0], points.covariances[k, 0, 0]
-        density = np.exp(-0.5 * (x - mean) ** 2 / variance) / np.sqrt(2.0 * np.pi * variance)
-        ax.plot(x, density, **_target_line(k, name))
-        ax.plot(true[k], -0.07 * peak, **set_marks(marks) | {"mfc": "none"})
-        ax.plot(mean, -0.17 * peak, **set_marks(marks))
+    x = np.linspace(true.min() - 2.0, true.max() + 2.0, 1201)
+    variances = points.covariances[:, 0, 0]
+    scaled = np.sqrt(2.0 * np.pi * variances[:, None])
+    densities = np.exp(-0.5 * (x - points.means) ** 2 / variances[:, None]) / scaled
+    _rows(ax, x, densities, names, 1.0 / scaled.min())
+    for k, (name, mean) in enumerate(zip(names, points.means[:, 0], strict=True)):
+        ax.plot(true[k], -k, **set_marks(marks) | {"mfc": "none", "ms": 7})
+        ax.plot(mean, -k, **set_marks(marks) | {"ms": 4})
         if name == "O":
-            ax.plot(mean, -0.17 * peak, **set_marks("outlier"))
-    _write_letters(ax, [(float(m), peak, k) for (m,), k in zip(points.means, names, strict=True)])
-    ax.set(xlabel="x (m)", ylabel="density (1/m)", ylim=(-0.25 * peak, 1.15 * peak))
-    ax.set_yticks([tick for tick in ax.get_yticks() if 0.0 <= tick <= 1.15 * peak])
+            ax.plot(mean, -k, **set_marks("outlier"))
+    ax.set_xlabel("x (m)")
+
+
+def _rows(ax: Axes, x: Array, densities: Array, names: Sequence[str], highest: float) -> None:
+    """Draw densities (K, T) over x one below the other, each named at the left of its row.
+
+    A row is as high as the density ``highest``, so that all rows have one scale.
+    """
+    for k, (name, density) in enumerate(zip(names, densities, strict=True)):
+        style = _target_line(k, name)
+        curve = 0.85 * density / highest - k
+        ax.fill_between(x, -k, curve, color=style["color"], alpha=0.25, lw=0)
+        ax.plot(x, curve, color=style["color"], lw=1.2)
+    ax.set_yticks(-np.arange(len(names)), names)
+    ax.tick_params(axis="y", length=0)
+    ax.set(ylim=(0.4 - len(names), 1.0))
+    ax.margins(x=0.0)
 
 
 def _target_line(k: int, name: str) -> dict[str, Any]:
     """Style of a target's curve."""
-    if name == "O":
-        return {"color": OUTLIER, "ls": "-", "lw": 1.8, "zorder": 1.8}  # below the others
-    color, line = TARGETS[k]
+    color, line = (OUTLIER, "-") if name == "O" else TARGETS[k]
     return {"color": color, "ls": line, "lw": 1.2}
-
-
-def _write_letters(ax: Axes, peaks: Sequence[tuple[float, float, str]]) -> None:
-    """Write a letter above each peak (x, height, letter); near ones form one word.
-
-    Where there are too many, none is written: nobody could tell which is whose.
-    """
-    if len(peaks) > _MOST:
-        return
-    width = _LETTER * float(np.ptp(ax.get_xlim())) / ax.get_position().width
-    words: list[tuple[float, float, str]] = []
-    for x, height, letter in sorted(peaks):
-        if words and x - words[-1][0] < 0.5 * width * (len(words[-1][2]) + 2.0):
-            before, highest, word = words.pop()
-            word += letter if letter not in word else ""
-            words.append((0.5 * (before + x), max(highest, height), word))
-        else:
-            words.append((x, height, letter))
-    style: dict[str, Any] = {"textcoords": "offset points", "ha": "center", "fontsize": 9}
-    for x, height, word in words:
-        ax.annotate(word, (x, height), (0, 2), color="0.25", **style)
 
 
 def surface(
@@ -126,24 +115,16 @@ def every_target(
     *,
     negative_log: bool = False,
 ) -> None:
-    """Draw the surface of each moving target, as a density or as a cost.
-
-    A letter above each maximum of a density names the target, unless it is too low to be seen or
-    there is no room for all of them.
-    """
+    """Draw the surface of each moving target, as a density in a row of its own or as a cost."""
     logs = target_log_surfaces(cost, translations, *sets)
-    places = []
-    for k, name in enumerate(names):
-        values = -logs[k] if negative_log else np.exp(logs[k])
-        ylabel = "−log density" if negative_log else "density (1/m)"
-        surface(ax, translations, values, ylabel=ylabel, label=name, **_target_line(k, name))
-        inner = values[1:-1]
-        top = np.flatnonzero((inner > values[:-2]) & (inner >= values[2:])) + 1
-        places += [(float(translations[i]), float(values[i]), name) for i in top]
-    if not negative_log:
-        highest = max(height for _, height, _ in places)
-        _write_letters(ax, [peak for peak in places if peak[1] > _VISIBLE * highest])
-        ax.margins(y=0.1)
+    if negative_log:
+        for k, name in enumerate(names):
+            surface(ax, translations, -logs[k], ylabel="−log density", **_target_line(k, name))
+    else:
+        fixed = sets[0]
+        deviations = np.sqrt(2.0 * np.pi * fixed.covariances[:, 0, 0])
+        _rows(ax, translations, np.exp(logs), names, float((fixed.weights / deviations).max()))
+        ax.set_xlabel("$t_x$ (m)")
     ax.axvline(scene.TRUTH, **TRUTH)
     ax.set_title("targets")
 
@@ -162,8 +143,30 @@ def fused(
     surface(axes[1], translations, -values, ylabel="−log density", **style)
     for ax in axes:
         ax.axvline(scene.TRUTH, **TRUTH)
-        ax.set_title(title)
+        ax.set_title(title, color=style["color"])
     return peaks(translations, values)
+
+
+def targets_and_fusions(
+    finding: str,
+    translations: Array,
+    sets: tuple[PointSet, PointSet],
+    names: Sequence[str],
+) -> dict[str, Peaks]:
+    """Draw rows of targets, sum and likelihood, densities at the left, costs at the right."""
+    figure, axes = plt.subplots(3, 2, sharex=True, figsize=(5.0, 4.9), height_ratios=(1.3, 1, 1))
+    for ax, logarithm in zip(axes[0], (False, True), strict=True):
+        every_target(ax, translations, RegistrationCost(), sets, names, negative_log=logarithm)
+    found: dict[str, Peaks] = {}
+    costs = RegistrationCost(fusion="summing"), RegistrationCost()
+    for row, cost in zip(axes[1:], costs, strict=True):
+        name = COSTS[cost.fusion].name
+        found[cost.fusion] = fused(row, translations, cost, sets, name)
+    for ax in axes[:-1].ravel():
+        ax.set_xlabel("")
+    headline(figure, finding)
+    letter_panels(axes)
+    return found
 
 
 def log_axis(
@@ -173,8 +176,6 @@ def log_axis(
     sets: tuple[PointSet, PointSet],
     **style: Any,
 ) -> None:
-    """Draw the fused density on a logarithmic axis, to show how small it is."""
-    values = np.exp(np.maximum(log_surface(cost, translations, *sets), np.log(0.1 * LOWEST)))
-    surface(ax, translations, values, ylabel="density", **style)
-    ax.set_yscale("log")
-    ax.set_ylim(LOWEST, 1e3)
+    """Draw the decimal logarithm of the fused density, to show how small it is."""
+    values = log_surface(cost, translations, *sets) / np.log(10.0)
+    surface(ax, translations, values, ylabel="log₁₀ of the density", **style)

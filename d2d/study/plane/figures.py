@@ -8,6 +8,8 @@ import numpy as np
 import scipy
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, QuadMesh
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from d2d._types import Array
@@ -17,7 +19,6 @@ from d2d.study.book.drawing import ellipses, error_bands
 from d2d.study.book.grammar import (
     BLACK,
     COST_MAP,
-    DENSITY_MAP,
     GREY,
     SETS,
     TRUTH,
@@ -26,7 +27,13 @@ from d2d.study.book.grammar import (
     set_marks,
 )
 from d2d.study.book.grammar import COSTS as LOOKS
-from d2d.study.book.style import PAGE, label_planar_axes, letter_panels
+from d2d.study.book.style import (
+    PAGE,
+    headline,
+    label_planar_axes,
+    letter_panels,
+    write_out_ticks,
+)
 from d2d.study.plane.evaluation import COSTS, Start, distance_and_rotation, evaluated
 from d2d.study.plane.optima import rotation_profile, translation_surface
 from d2d.study.plane.scenarios import Scenario
@@ -34,7 +41,8 @@ from d2d.study.plane.scenarios import Scenario
 FAR = 45.0  # m: outliers beyond this range lie outside the scene
 ERROR_LIMITS = {"m": (0.01, 12.0), "°": (0.05, 50.0)}
 OFFSETS: Array = np.linspace(-8.0, 8.0, 129)  # from the true translation, in m
-NEAR_OFFSETS: Array = np.linspace(-1.0, 1.0, 65)  # of the inset, in m
+LOWEST_COST = 0.3  # that can be told from the minimum
+COST_SCALE = LogNorm(LOWEST_COST, 3000.0)  # of −log density above its minimum, in every map
 ROTATIONS: Array = np.deg2rad(np.linspace(-40.0, 40.0, 321))
 IN_LABEL_UNITS = np.array([1.0, 1.0, np.rad2deg(1.0)])
 LABELS = (("m", "$t_x$"), ("m", "$t_y$"), ("°", "φ"))
@@ -46,50 +54,45 @@ def one_draw(scenario: Scenario, seed: int = 1) -> tuple[PointSet, PointSet]:
     return fixed[0], moving[0]
 
 
-def cost_columns(
+def cost_panels(
     scenario: Scenario, sets: tuple[PointSet, PointSet], costs: Mapping[str, RegistrationCost]
 ) -> None:
-    """The panels of each cost in a column, and again in a row for a wide page.
+    """Draw a map of each cost over the translation, and all costs over the rotation in one panel.
 
-    Maps over the translation come first, then profiles over the rotation.
+    There are two figures: for a phone, and as wide as the page.
     """
-    count = len(costs)
-    size, ratios = (5.0 * count / 3, 7.4), [2, 2, 1, 1]
-    columns = plt.subplots(4, count, figsize=size, height_ratios=ratios, squeeze=False)[1]
-    rows = plt.subplots(count, 4, figsize=(PAGE, 1.9 * count), squeeze=False)[1]
-    for *panels, (name, cost) in zip(columns.T, rows, costs.items(), strict=True):
-        surface = translation_surface(cost, *sets, scenario.theta, OFFSETS)
-        enlarged = translation_surface(cost, *sets, scenario.theta, NEAR_OFFSETS)
-        profile = rotation_profile(cost, *sets, scenario.theta, ROTATIONS)
-        above = profile.max() - profile
-        for density, negative, *profiles in panels:
-            density_map(density, OFFSETS, surface, enlarged)
-            cost_map(negative, OFFSETS, surface)
-            for ax, values, label in zip(
-                profiles, (np.exp(-above), above), ("density", "−log density"), strict=True
-            ):
-                ax.plot(np.rad2deg(ROTATIONS), values, **cost_line(name))
-                ax.axvline(0.0, **TRUTH)
-                ax.set(xlabel="φ − truth (°)", ylabel=label, ylim=(0.0, None))
-                ax.margins(x=0.0)
-    _head_columns(columns, costs)
-    for letter, ax, name in zip("abc", rows[:, 0], costs, strict=False):
-        ax.set_title(f"({letter}) {LOOKS[name].name}")
-    for ax in rows[:-1].ravel():
-        ax.set_xlabel("")
+    for layout, size in (("ab;cd", (5.0, 5.3)), ("abc;ddd", (PAGE, 4.8))):
+        figure, panels = plt.subplot_mosaic(layout, figsize=size)
+        *maps, cuts = panels.values()
+        for letter, ax, (name, cost) in zip("abc", maps, costs.items(), strict=True):
+            surface = translation_surface(cost, *sets, scenario.theta, OFFSETS)
+            mesh = cost_map(ax, OFFSETS, surface, f"({letter}) {LOOKS[name].name}")
+            profile = rotation_profile(cost, *sets, scenario.theta, ROTATIONS)
+            above = np.maximum(profile.max() - profile, LOWEST_COST)
+            cuts.plot(np.rad2deg(ROTATIONS), above, **cost_line(name))
+            cuts.text(-39.0, 1.4 * above[0], LOOKS[name].name, color=LOOKS[name].color, size=9)
+        cuts.axvline(0.0, **TRUTH)
+        cuts.set(yscale="log", ylim=(LOWEST_COST, 2e4), title="(d) over the rotation")
+        cuts.set(xlabel="φ − truth (°)", ylabel="−log density")
+        cuts.margins(x=0.0)
+        cost_bar(figure, mesh, maps)
 
 
 def error_panels(
-    scenario: Scenario, names: Sequence[str], starts: Sequence[Start] = ("truth", "zero")
+    scenario: Scenario,
+    names: Sequence[str],
+    finding: str,
+    starts: Sequence[Start] = ("truth", "zero"),
 ) -> None:
     """Draw the share of the runs below each error, one row of panels a start."""
-    size = (5.0, 0.6 + 2.0 * len(starts))
+    size = (5.0, 1.0 + 1.9 * len(starts))
     figure, axes = plt.subplots(len(starts), 2, sharey=True, squeeze=False, figsize=size)
     for row, start in zip(axes, starts, strict=True):
         errors = {name: evaluated(scenario, COSTS[name], start).errors for name in names}
-        error_shares(row, errors, (f"from {start}",) * 2)
+        error_shares(row, errors, (f"translation, from {start}", f"rotation, from {start}"))
     handles = axes[0, 0].get_legend_handles_labels()
-    figure.legend(*handles, loc="outside upper center", ncols=3)
+    figure.legend(*handles, loc="outside lower center", ncols=3, labelcolor="linecolor")
+    headline(figure, finding)
     letter_panels(axes)
 
 
@@ -114,14 +117,15 @@ def bounds_columns(scenario: Scenario, names: Sequence[str]) -> None:
         _head_columns(axes, names)
 
 
-def credibility_columns(scenario: Scenario, names: Sequence[str]) -> None:
+def credibility_columns(scenario: Scenario, names: Sequence[str], finding: str) -> None:
     """Histograms of the NEES and of the credibility ratio of all runs, a column per cost.
 
     A black line has the runs that a credible estimator would have in each bin of the NEES
     (chi-square with three degrees of freedom).  A dashed line marks its ratio of 0 dB, a solid one
     the mean ratio.
     """
-    _, axes = plt.subplots(2, len(names), sharex="row", sharey="row", figsize=(5.0, 3.8))
+    size = (5.0, 4.1)
+    figure, axes = plt.subplots(2, len(names), sharex="row", sharey="row", figsize=size)
     edges, ratios = np.geomspace(1e-2, 1e3, 41), np.linspace(-24.0, 24.0, 33)
     for column, name in zip(axes.T, names, strict=True):
         result = evaluated(scenario, COSTS[name]).credibility
@@ -134,7 +138,11 @@ def credibility_columns(scenario: Scenario, names: Sequence[str]) -> None:
         column[1].hist(np.clip(decibels, ratios[0], ratios[-1]), ratios, **bars)
         column[1].axvline(0.0, **TRUTH)
         column[1].axvline(result.inclination, color=BLACK, lw=1.2)
+        mean = f"{result.inclination:+.1f} dB".replace("-", "−")
+        column[1].text(0.04, 0.9, mean, transform=column[1].transAxes)
         column[1].set(xlabel="ratio (dB)", ylabel="runs", xticks=[-20, 0, 20])
+    axes[0, 0].text(0.04, 0.9, "line: credible", transform=axes[0, 0].transAxes)
+    headline(figure, finding)
     _head_columns(axes, names)
 
 
@@ -169,49 +177,28 @@ def planar_scene(ax: Axes, scenario: Scenario, fixed: PointSet, moving: PointSet
     label_planar_axes(ax)
 
 
-def density_map(ax: Axes, offsets: Array, log_values: Array, near: Array) -> None:
-    """Draw a fused density over t_x and t_y around the truth (cross), relative to its maximum.
-
-    The inset enlarges what is within 1 m of the truth: ``near`` holds the logarithms there, on the
-    grid of `NEAR_OFFSETS`.
-    """
-    highest = max(log_values.max(), near.max())
-    inset = ax.inset_axes((0.58, 0.58, 0.42, 0.42))
-    density, enlarged = np.exp(log_values - highest), np.exp(near - highest)
-    mesh = _map(ax, offsets, density, "density / its highest", DENSITY_MAP)
-    ax.plot([-1, 1, 1, -1, -1], [-1, -1, 1, 1, -1], color=BLACK, lw=0.7)
-    inset.pcolormesh(NEAR_OFFSETS, NEAR_OFFSETS, enlarged, cmap=DENSITY_MAP, rasterized=True)
-    for drawn in (mesh, *inset.collections):
-        drawn.set_clim(0.0, 1.0)
-    inset.grid(False)
-    inset.set(xticks=[], yticks=[], aspect="equal")
-    for spine in inset.spines.values():
-        spine.set(visible=True, linewidth=0.7)
-    mark_truth(inset, size=5.0)
-
-
-def cost_map(ax: Axes, offsets: Array, log_values: Array, title: str = "") -> None:
+def cost_map(ax: Axes, offsets: Array, log_values: Array, title: str = "") -> QuadMesh:
     """Draw a cost over t_x and t_y around the truth (cross), above its minimum.
 
-    Contours enclose the regions where the density is above 50 %, 10 % and 1 % of its maximum.
+    All maps have the one logarithmic scale `COST_SCALE`, with contours at its powers of ten.
     """
-    above = log_values.max() - log_values
-    _map(ax, offsets, above, "−log density", COST_MAP)
-    levels = -np.log([0.5, 0.1, 0.01])
-    ax.contour(offsets, offsets, above, levels, colors="white", linewidths=0.5)
-    ax.set_title(title)
-    mark_truth(ax)
-
-
-def _map(ax: Axes, offsets: Array, values: Array, label: str, cmap: str) -> QuadMesh:
-    mesh = ax.pcolormesh(offsets, offsets, values, cmap=cmap, rasterized=True)
-    bar = ax.figure.colorbar(mesh, ax=ax, location="bottom", shrink=0.9, pad=0.02)
-    bar.set_label(label, fontsize=9)
-    bar.ax.tick_params(labelsize=9)
+    above = np.maximum(log_values.max() - log_values, LOWEST_COST)
+    settings: dict[str, Any] = {"cmap": COST_MAP, "norm": COST_SCALE, "rasterized": True}
+    mesh = ax.pcolormesh(offsets, offsets, above, **settings)
+    lines = ax.contour(offsets, offsets, above, [1, 10, 100, 1000], colors="white", linewidths=0.6)
+    ax.clabel(lines, [10, 100, 1000], fontsize=9, fmt="%g")
     ax.grid(False)
-    ax.set(xlabel="$t_x$ − truth (m)", ylabel="$t_y$ − truth (m)", aspect="equal")
+    ax.set(xlabel="$t_x$ − truth (m)", ylabel="$t_y$ − truth (m)", aspect="equal", title=title)
     ax.set(xticks=[-5, 0, 5], yticks=[-5, 0, 5])
+    mark_truth(ax)
     return mesh
+
+
+def cost_bar(figure: Figure, mesh: QuadMesh, axes: Sequence[Axes]) -> None:
+    """Draw the one colour bar of all maps below them."""
+    settings: dict[str, Any] = {"location": "bottom", "shrink": 0.7, "aspect": 30, "pad": 0.02}
+    bar = figure.colorbar(mesh, ax=axes, label="−log density above its minimum", **settings)
+    write_out_ticks(bar.ax.xaxis, (1, 10, 100, 1000))
 
 
 def error_shares(

@@ -71,7 +71,7 @@ def draw_scores(judged: Mapping[str, Mapping[str, Any]], wide: bool = False) -> 
     axes[0].set(xlabel="ANEES", yticks=places, yticklabels=list(judged))
     axes[1].set(xlabel="in the 95 % region (%)", xlim=(0, 102))
     handles = axes[0].get_legend_handles_labels()
-    figure.legend(*handles, loc="outside upper center", ncols=3 if wide else 2)
+    figure.legend(*handles, loc="outside lower center", ncols=3 if wide else 2)
     return figure
 
 
@@ -88,5 +88,5 @@ def draw_horizons(drives: Mapping[str, Sequence[Mapping[str, Any]]]) -> Figure:
         ax.axvline(0.3, **TRUTH)
     axes[0].set(xlabel="horizon (s)", ylabel="RMSE of ω (°/s)", ylim=(0, None))
     axes[1].set(xlabel="horizon (s)", ylabel="log score (lower is better)")
-    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
     return figure

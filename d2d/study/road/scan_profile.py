@@ -51,7 +51,7 @@ def profile_panels(axes: Sequence[Axes], profiles: Mapping[str, Mapping[str, Any
         for (of, profile), color in zip(profiles.items(), (GREY, PURPLE), strict=False):
             ax.stairs(profile[name], edges, color=color, fill=color == GREY, alpha=0.5)
             ax.stairs(profile[name], edges, color=color, lw=1.5, label=of)
-        ax.set(xlabel=name, ylabel="targets in a scan")
+        ax.set(xlabel=name, ylabel="targets", title="by " + name.split(" (")[0])
 
 
 def write(source: Source) -> None:
