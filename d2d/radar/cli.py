@@ -204,7 +204,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_log_options(calibrating, log.options)
     _add_gates(calibrating)
     comparing = command("compare", "compare a track with a reference", _compare)
-    comparing.add_argument("track", metavar="TRACK", help="PREFIX.npz or PREFIX_velocities.csv")
+    comparing.add_argument("track", metavar="TRACK", help="PREFIX.npz")
     comparing.add_argument("reference", metavar="REFERENCE", help=REFERENCE_HELP)
     about = "how late the radars' clock is beside the reference's, as calibrate finds it"
     comparing.add_argument("--topic", metavar="TOPIC", help=TOPIC_HELP)
@@ -483,8 +483,7 @@ def _calibrate(arguments: argparse.Namespace) -> None:
 
 
 def _compare(arguments: argparse.Namespace) -> None:
-    path = check_path("TRACK", arguments.track)
-    driven = Track.load(path) if path.suffix == ".npz" else Track.read_velocities(path)
+    driven = Track.load(check_path("TRACK", arguments.track))
     known = load_reference(arguments.reference, arguments.topic)
     late = Reference(known.times + arguments.lag, known.theta, known.poses)
     found = compare(driven, late)

@@ -26,7 +26,7 @@ from d2d import (
 )
 from d2d.cost import OutlierModel
 from d2d.radar import EgoMotionModel, estimate_ego_motion, simulate_drive
-from d2d.radar.motion.pairs import scan_pair
+from d2d.radar.motion.pairs import ScanPair, problem_of
 from d2d.study import scenarios
 from d2d.study.line.scene import line_scene
 from tests.book import browser
@@ -151,8 +151,8 @@ def doppler_case(start: ArrayLike) -> Case:
     drive = simulate_drive(np.random.default_rng(7), duration=30.0)
     previous, current = (scan[:20] for scan in drive.scans[-2:])
     model = EgoMotionModel()
-    pair = scan_pair(previous, current, drive.mounting, model)
-    problem = model.problem([pair])
+    problem = problem_of([ScanPair(previous, current, drive.mounting)], model)
+    (pair,) = problem.pairs
     at = np.asarray(start)
     bound = problem.bind(at)
     value, gradient, hessian = problem.derivatives(bound)

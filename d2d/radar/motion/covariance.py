@@ -1,12 +1,13 @@
 """The covariance of an ego-motion estimate, propagated from the sensor's errors.
 
 By the implicit function theorem (Censi 2007) an optimum moves by -H^-1 f_theta,z per unit of a
-measured value z.  A scan that is in several pairs moves it by the sum over these pairs.  So the
-effects of one target are added up first and squared afterwards.  The effect of an error that
-targets share is the sum of these influences, times the error.
+measured value z.  A scan that is in several pairs moves it by the sum of its influences f_theta,z
+on these pairs, which are added up first and squared afterwards.  The effect of an error that
+targets share is the sum of their influences, times the error.
 """
 
 from collections.abc import Iterable, Sequence
+from itertools import chain
 from typing import NamedTuple, Unpack
 
 import numpy as np
@@ -42,9 +43,8 @@ def propagate_ego_motion(
 ) -> Array:
     """Covariance of an ego-motion estimate by propagating range, azimuth and Doppler errors.
 
-    Returns the covariance (3, 3) of [v_x, v_y, omega] in m/s, m/s, rad/s; nan if the estimate did
-    not converge.  Raises a ``ValueError`` if an argument is invalid, as in `estimate_ego_motion`
-    and `d2d.propagate_covariance`.
+    Returns a matrix (3, 3); nan if the estimate did not converge.  Raises a ``ValueError`` if an
+    argument is invalid, as in `estimate_ego_motion` and `d2d.propagate_covariance`.
 
     Parameters
     ----------
@@ -52,8 +52,7 @@ def propagate_ego_motion(
         A single result of `estimate_ego_motion` with the same scans, mountings and options.
     previous, current, mounting
         As for `estimate_ego_motion`.  A scan can be in several pairs: scans with the same content
-        and mounting are the same scan, whose errors are the same in all of them.  The inverse
-        Hessian treats the pairs as independent.
+        and mounting are the same scan.  The inverse Hessian treats the pairs as independent.
     shared_azimuth : bool
         Whether a single azimuth error of each current target both rotates its position about the
         sensor and changes its predicted Doppler velocity, as in a real sensor.  Otherwise two
@@ -75,20 +74,18 @@ def propagate_ego_motion(
             f"{np.shape(estimate.theta)}"
         )
     pairs = scan_pairs(previous, current, mounting)
-    model = EgoMotionModel(**options)
-    problem = problem_of(pairs, model)
+    problem = problem_of(pairs, EgoMotionModel(**options))
     check_estimate(estimate, problem, problem.bind(rigid.motion("estimate", estimate.theta, 2)))
-    found = influences(problem, estimate, pairs)
-    prior = propagated(estimate.covariance, np.diag(problem.prior))
-    return noise_covariance(found, shared_azimuth=shared_azimuth) + prior
+    noise = np.diag(problem.prior)
+    for each in of_scans(chain.from_iterable(influences(problem, estimate, pairs))):
+        add_noise(each, shared_azimuth, noise)
+    return propagated(estimate.covariance, noise)
 
 
 class Influence(NamedTuple):
-    """Derivatives of a velocity [v_x, v_y, omega] in the measured values of one scan's K targets.
+    """Derivatives of the cost's gradient in the measured values of one scan's K targets.
 
-    Rows of v_x and v_y are in m/s, those of omega in rad/s, per unit of the measured value.  Those
-    in Doppler velocities are zero for a scan that is only the previous one of a pair, and without
-    ``doppler``.
+    Those in Doppler velocities are zero for the previous scan of a pair, and without ``doppler``.
     """
 
     scan: RadarScan
@@ -99,64 +96,44 @@ class Influence(NamedTuple):
     prediction: Array  # (K, 3) per rad of azimuth, by the predicted Doppler velocity alone
 
 
-def influences(problem: Problem, estimate: Estimate, pairs: Sequence[ScanPair]) -> list[Influence]:
-    """The influence of each scan on a velocity (3,), the optimum of a problem of pairs of scans.
-
-    Scans are the same if all that they hold is the same, and the mounting; each is listed once, in
-    the order of the pairs.  All is nan if the estimate did not converge.
-    """
-    gain = -estimate.covariance
-    found: dict[tuple[object, ...], Influence] = {}
-    for both in _slopes(problem, estimate, pairs):
-        for each in both:
-            arrays = (value for value in vars(each.scan).values() if isinstance(value, np.ndarray))
-            key = (each.mounting, each.scan.time, *(array.tobytes() for array in arrays))
-            moved = each._replace(
-                position=gain @ each.position,
-                doppler=each.doppler @ gain,
-                prediction=each.prediction @ gain,
-            )
-            if key in found:
-                before = found[key]
-                moved = moved._replace(
-                    position=before.position + moved.position,
-                    doppler=before.doppler + moved.doppler,
-                    prediction=before.prediction + moved.prediction,
-                )
-            found[key] = moved
-    return list(found.values())
-
-
-def _slopes(
+def influences(
     problem: Problem, estimate: Estimate, pairs: Sequence[ScanPair]
 ) -> list[tuple[Influence, Influence]]:
-    """Derivatives of the gradient, of the previous and the current scan of each pair."""
+    """The influences of the previous and the current scan of each pair at an optimum (3,)."""
     cross = problem.cross_derivatives(problem.bind(estimate.theta), 0, 1)
-    slopes, fixed, moving = [], 0, 0
+    found, fixed, moving = [], 0, 0
     for pair, (previous, current, mounting) in zip(problem.pairs, pairs, strict=True):
         of_fixed = slice(fixed, fixed := fixed + pair.fixed.size)
         of_moving = slice(moving, moving := moving + pair.moving.size)
         none = np.zeros((pair.fixed.size, 3))
         before = Influence(previous, mounting, pair.fixed, cross.fixed[0, of_fixed], none, none)
-        slopes_of_moving = (each[0, of_moving] for each in cross[1:])
-        slopes.append((before, Influence(current, mounting, pair.moving, *slopes_of_moving)))
-    return slopes
+        now = (each[0, of_moving] for each in cross[1:])
+        found.append((before, Influence(current, mounting, pair.moving, *now)))
+    return found
 
 
-def noise_covariance(found: Iterable[Influence], *, shared_azimuth: bool = True) -> Array:
-    """Covariance (3, 3) of a velocity due to the targets' own errors, which are independent.
+def of_scans(found: Iterable[Influence]) -> Iterable[Influence]:
+    """The influences of each scan, added up over the pairs that it is in.
+
+    Scans are the same if all that they hold is the same, and the mounting.
+    """
+    total: dict[tuple[object, ...], Influence] = {}
+    for each in found:
+        arrays = (value for value in vars(each.scan).values() if isinstance(value, np.ndarray))
+        key = (each.mounting, each.scan.time, *(array.tobytes() for array in arrays))
+        before = total.get(key)
+        added = each if before is None else Influence(*each[:3], *map(np.add, before[3:], each[3:]))
+        total[key] = added
+    return total.values()
+
+
+def add_noise(own: Influence, shared_azimuth: bool, noise: Array) -> None:
+    """Add the covariance (3, 3) of the gradient due to the targets' own, independent errors.
 
     With ``shared_azimuth``, a single azimuth error of each target turns its position and changes
     its predicted Doppler velocity; else two independent ones do.  The rest of the positions'
     covariances, range and extent, belongs to the positions alone.
     """
-    noise = np.zeros((3, 3))
-    for each in found:
-        _add_noise(each, shared_azimuth, noise)
-    return 0.5 * (noise + noise.T)
-
-
-def _add_noise(own: Influence, shared_azimuth: bool, noise: Array) -> None:
     add_positions(own.position[None], own.points.covariances[None], noise[None])
     if own.doppler.any():
         doppler = own.scan.sigma_doppler[:, None] * own.doppler
@@ -196,17 +173,16 @@ def apply_budget(
 ) -> Budgeted:
     """Apply a budget to a velocity, whose delay is that to ``time``.
 
-    ``pairs`` and ``near`` are those of the problem; no scan is in two of the pairs, and no two of
-    them are of one sensor.
+    ``pairs`` and ``near`` are those of the problem; each pair is of another sensor.
     """
-    slopes, gain = _slopes(problem, estimate, pairs), -estimate.covariance
+    found, gain = influences(problem, estimate, pairs), -estimate.covariance
     noise, dependence, systematic = gradients = np.zeros((3, 3, 3))
     delayed, led, common = np.zeros((3, 3)), np.zeros((3, 3)), middle_of(pairs)
-    columns = []
-    for given, pair, (before, now) in zip(pairs, problem.pairs, slopes, strict=True):
+    columns = []  # of each pair (3, 3): by its azimuth, its Doppler and the scale error
+    for given, pair, (before, now) in zip(pairs, problem.pairs, found, strict=True):
         shared, turned = np.zeros((3, 3)), np.zeros((2, 3))
         for each, total in zip((before, now), turned, strict=True):
-            _add_noise(each, True, noise)
+            add_noise(each, True, noise)
             across = cross_range(each.scan, each.mounting)
             total += np.einsum("kij,kj->i", each.position, across)
             if budget.neighbours:
@@ -231,13 +207,9 @@ def apply_budget(
             led -= (now.scan.time - common) * share
         columns.append(shared)
     azimuth, doppler, scale = np.array(columns).swapaxes(0, 1)
-    slow = np.array(
-        [
-            *(budget.azimuth * azimuth),
-            *(budget.doppler * doppler),
-            budget.scale * scale.sum(axis=0),
-            [0.0, np.sqrt(problem.prior[1]), 0.0],  # of v_y, the only one that has a prior
-        ]
+    slip = [0.0, np.sqrt(problem.prior[1]), 0.0]  # of v_y, the only one that has a prior
+    slow = np.vstack(
+        [budget.azimuth * azimuth, budget.doppler * doppler, budget.scale * scale.sum(axis=0), slip]
     )
     systematic += slow.T @ slow
     parts = CovarianceParts(*propagated(estimate.covariance, gradients))

@@ -11,7 +11,7 @@ from d2d._checks import check_flag, check_instance, check_rows
 from d2d._kernel.compile import read_only
 from d2d._kernel.consensus import find_consensus
 from d2d._types import Array
-from d2d.radar.scans.scan import Mounting, RadarScan, directions, doppler_gradients, level
+from d2d.radar.scans.scan import Mounting, RadarScan, doppler_gradients, level
 
 View = tuple[RadarScan, Mounting]
 
@@ -45,7 +45,7 @@ def _sensor_fit(scan: RadarScan, mounting: Mounting) -> tuple[Array, Array]:
     """The velocity (2,) of a sensor, and the derivatives (K, 2) over sigma of what it rests on."""
     if not scan.size:
         return np.zeros(2), np.empty((0, 2))
-    sight = _directions(scan, mounting)
+    sight = doppler_gradients(scan.azimuth, mounting)[0][:, :2]
     inliers = _agreeing(scan, sight)
     # targets closer together than the uncertainty of their azimuths show one direction only
     spread = max(1e-6, _GATE * float(np.median(scan.sigma_azimuth)))
@@ -132,14 +132,13 @@ def doppler_ego_motion(views: Iterable[View], *, side_slip: bool = True) -> Dopp
         raise ValueError("views must hold at least one scan with its mounting, but is empty")
     views = [level(*view) for view in views]
     edges = np.cumsum([scan.size for scan, _ in views])[:-1]
-    inliers = np.concatenate([_agreeing(scan, _directions(scan, at)) for scan, at in views])
-    gains, slopes = (
-        np.concatenate(parts)
-        for parts in zip(*(doppler_gradients(scan.azimuth, at) for scan, at in views), strict=True)
-    )
-    doppler, sigma_doppler, sigma_azimuth = (
-        np.concatenate([getattr(scan, name) for scan, _ in views])
-        for name in ("doppler", "sigma_doppler", "sigma_azimuth")
+    rows = []  # of each scan: gains, slopes, measured values and who agrees
+    for scan, at in views:
+        gain, slope = doppler_gradients(scan.azimuth, at)
+        measured = scan.doppler, scan.sigma_doppler, scan.sigma_azimuth
+        rows.append((gain, slope, *measured, _agreeing(scan, gain[:, :2])))
+    gains, slopes, doppler, sigma_doppler, sigma_azimuth, inliers = map(
+        np.concatenate, zip(*rows, strict=True)
     )
     free = np.array([True, check_flag("side_slip", side_slip), True])
     theta, covariance = np.zeros(3), np.full((3, 3), np.nan)
@@ -188,11 +187,6 @@ def _starts_alone(scan: RadarScan, mounting: Mounting) -> Array:
         turn = across / mounting.x
         starts.append([along + turn * mounting.y, 0.0, turn])
     return np.array(starts)
-
-
-def _directions(scan: RadarScan, mounting: Mounting) -> Array:
-    """Derivatives (K, 2) of the Doppler velocities with respect to the sensor's velocity."""
-    return -np.stack(directions(scan, mounting), axis=-1)
 
 
 def _agreeing(scan: RadarScan, sight: Array) -> NDArray[np.bool_]:

@@ -33,9 +33,9 @@ def estimate_ego_motion(
     sum of their costs is minimised.  The velocity is assumed constant from the first scan to the
     last, so that over the interval tau of a pair the vehicle moves by exp(tau theta).
 
-    The estimate's theta is [v_x, v_y, omega] in m/s, m/s, rad/s, with covariance, gradient and
-    Hessian in these units.  ``converged`` means that it is an optimum, possibly one that rejects
-    nearly all targets: `inlier_probabilities` shows this, and `track` checks it.
+    The estimate's theta is [v_x, v_y, omega] in m/s, m/s, rad/s.  ``converged`` means that it is an
+    optimum, possibly one that rejects nearly all targets: `inlier_probabilities` shows this, and
+    `track` checks it.
 
     Raises a ``ValueError`` if scans are out of time order or have no targets, sequences differ in
     length, or ``initial`` is invalid.
@@ -47,11 +47,10 @@ def estimate_ego_motion(
     mounting : Mounting
         Pose of the sensor in the vehicle frame; or a sequence with that of each pair.
     initial : (3,) array, optional
-        Start [v_x, v_y, omega] in m/s, m/s, rad/s.  By default, the velocity that
-        `doppler_ego_motion` finds from all current scans (even if ``doppler`` is False).  If they
-        do not determine all of it, as those of a single sensor, the sensor's velocity according to
-        the scan with the most targets gives two starts, one without rotation and, if the sensor is
-        ahead of or behind the origin, one without side slip; the lower optimum wins.
+        Start [v_x, v_y, omega].  By default, the velocity that `doppler_ego_motion` finds from all
+        current scans (even if ``doppler`` is False).  If they do not determine all of it, as those
+        of a single sensor, the velocity of each gives two starts, one without rotation and, if it
+        is ahead of or behind the origin, one without side slip; the lowest optimum wins.
     **options
         The fields of `EgoMotionModel`, and ``scales=(1.0,)``, the inflation schedule of all
         standard deviations, as for `d2d.register`.
@@ -78,11 +77,10 @@ def inlier_probabilities(
     mounting: Mounting,
     **options: Unpack[ModelOptions],
 ) -> Array:
-    """Probability (..., K) that each target of the current scan is an inlier under ``theta``.
+    """Probability (..., K) that each target of the current scan is an inlier at ``theta`` (..., 3).
 
-    ``theta`` (..., 3) is the vehicle's velocity [v_x, v_y, omega] in m/s, m/s, rad/s.  The other
-    arguments and the errors raised are those of `estimate_ego_motion`.  Targets that move on their
-    own, or that have no counterpart in the previous scan, get low probabilities.
+    The other arguments and the errors raised are those of `estimate_ego_motion`.  Targets that move
+    on their own, or that have no counterpart in the previous scan, get low probabilities.
     """
     model = EgoMotionModel(**options)
     problem = problem_of(scan_pairs(previous, current, mounting), model)

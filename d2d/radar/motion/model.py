@@ -43,10 +43,9 @@ class EstimationOptions(ModelOptions, total=False):
 
 @dataclass(frozen=True)
 class EgoMotionModel(Frozen):
-    """The model behind the cost of a velocity.
+    """The model behind the cost of a velocity, whose fields are options of many functions.
 
-    Its fields are keyword options of all functions that estimate an ego-motion, propagate its
-    covariance or compute inlier probabilities.  Raises a ``ValueError`` if one is invalid.
+    Raises a ``ValueError`` if one is invalid.
 
     Attributes
     ----------
@@ -81,15 +80,10 @@ class EgoMotionModel(Frozen):
         check_positive_scalar("doppler_width", self.doppler_width)
         self.form  # noqa: B018 - an outlier of another dimension is refused here
 
-    @property
-    def cost(self) -> RegistrationCost:
-        """The cost of the motion between two scans, without the outliers' Doppler density."""
-        return RegistrationCost(outlier=self.outlier)
-
     @cached_property
     def form(self) -> CostForm:
         """The cost as the kernel reads it, with the outliers' Doppler density."""
-        form = self.cost.form(2)
+        form = RegistrationCost(outlier=self.outlier).form(2)
         if not self.doppler or self.outlier is None:
             return form
         outlier = form.outlier.copy()

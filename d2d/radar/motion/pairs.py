@@ -75,36 +75,6 @@ def scan_pairs(
     return pairs
 
 
-def scan_pair(
-    previous: RadarScan,
-    current: RadarScan,
-    mounting: Mounting,
-    model: EgoMotionModel,
-    gained: tuple[Array, Array] | None = None,
-) -> Pair:
-    """The earlier scan as the fixed set, the later one as the moving set, with its velocities.
-
-    The velocities (3,) may be known that the vehicle has ``gained`` since a common time of several
-    pairs: until the middle of this pair's interval, whose mean velocity the positions show, and
-    until the later scan.  They are taken off positions and Doppler velocities.  The former is that
-    of a small motion that follows the pair's own.
-    """
-    interval = current.time - previous.time
-    by_middle, by_scan = (None, None) if gained is None else gained
-    measurement = None
-    if model.doppler:
-        measurement = current.doppler_measurement(
-            mounting, interval, of_twist=not model.first_order, ahead=by_scan
-        )
-    moving = current.point_set(mounting)
-    if by_middle is not None and by_middle.any():
-        v_x, v_y, turn = (interval * by_middle).tolist()
-        shift = np.array([v_x - 0.5 * turn * v_y, v_y + 0.5 * turn * v_x])
-        means = moving.means @ rigid.rotation(-turn) + shift
-        moving = PointSet._of(means, moving.covariances, moving.weights)
-    return Pair(previous.point_set(mounting), moving, measurement, interval)
-
-
 def middle_of(pairs: Sequence[ScanPair]) -> float:
     """The mean of the middles of all pairs' intervals, in s."""
     return float(np.mean([pair.middle for pair in pairs]))
@@ -118,26 +88,43 @@ def problem_of(
 ) -> Problem:
     """The cost of the velocity that pairs of scans share.
 
-    With an acceleration (3,) and a velocity ``near`` (3,) that of the vehicle, it is the velocity
-    at the time `middle_of` the pairs.
+    The earlier scan of each is the fixed set, the later one the moving set, with its Doppler
+    velocities.  With an acceleration (3,) and a velocity ``near`` (3,) that of the vehicle, it is
+    the velocity at the time `middle_of` the pairs: what the vehicle has gained since then, until
+    the middle of a pair's interval, whose mean velocity the positions show, and until the later
+    scan, is taken off positions and Doppler velocities.
     """
-    if acceleration is None or near is None:
-        return model.problem([scan_pair(*pair, model) for pair in pairs])
     time, found = middle_of(pairs), []
     for pair in pairs:
-        moved = following(pair.interval * near) @ acceleration
-        gained = (pair.middle - time) * moved, (pair.current.time - time) * acceleration
-        found.append(scan_pair(*pair, model, gained))
+        previous, current, mounting = pair
+        interval, moving = pair.interval, current.point_set(mounting)
+        ahead = measurement = None
+        if acceleration is not None and near is not None:
+            ahead = (current.time - time) * acceleration
+            gained = (pair.middle - time) * (following(interval * near) @ acceleration)
+            if gained.any():
+                # a small motion that follows the pair's own
+                v_x, v_y, turn = (interval * gained).tolist()
+                shift = np.array([v_x - 0.5 * turn * v_y, v_y + 0.5 * turn * v_x])
+                means = moving.means @ rigid.rotation(-turn) + shift
+                moving = PointSet._of(means, moving.covariances, moving.weights)
+        if model.doppler:
+            measurement = current.doppler_measurement(
+                mounting, interval, of_twist=not model.first_order, ahead=ahead
+            )
+        found.append(Pair(previous.point_set(mounting), moving, measurement, interval))
     return model.problem(found)
 
 
 def following(motion: Array) -> Array:
     """The small motion (3, 3) that follows exp(motion) if a small twist is added to the motion.
 
-    The right Jacobian of SE(2) to second order.
+    The right Jacobian of SE(2) to second order, I - b / 2 + b^2 / 6 with the `bracket` b.
     """
-    twist = bracket(motion)
-    return np.eye(3) - 0.5 * twist + twist @ twist / 6.0
+    x, y, turn = motion.tolist()
+    along, across = turn * x / 6.0 - 0.5 * y, turn * y / 6.0 + 0.5 * x
+    both = 1.0 - turn * turn / 6.0
+    return np.array([[both, 0.5 * turn, along], [-0.5 * turn, both, across], [0.0, 0.0, 1.0]])
 
 
 def bracket(theta: Array) -> Array:

@@ -1,8 +1,6 @@
 """A simulated drive with a Doppler radar, which anyone can reproduce."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass, fields
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -177,14 +175,27 @@ def simulate_drive(
     times = np.arange(int(np.floor(duration * sensor.rate + 1e-9)) + 1) / sensor.rate
     truth = _motion(times, start, speed)
     seen = _motion(times - errors.lag, start, speed)
-    moving = rng.spawn(1)[0] if errors.extent else None  # leaves the other streams alone
+    shifts = rng.spawn(1)[0] if errors.extent else None  # leaves the other streams alone
+    # the movers' reflection points come last
+    still, movers = world.reflectors, world.movers
+    strength = np.concatenate([still.strength, movers.strength])
+    kind = np.concatenate([still.kind, np.full(len(movers.strength), "moving")])
+    at_rest, ends = np.zeros_like(still.positions), world.walls.reshape(-1, 2)
+    back = rigid.inverse(rigid.compose(seen.poses, mounting.pose))
+    turns = np.swapaxes(rigid.rotation(back[:, 2]), -1, -2)
+    places, velocities = movers.at(seen.times)
     scans, targets = [], []
-    for i, scene in enumerate(_scenes(seen, mounting, world)):
-        point, power = _detected(rng, scene, sensor)
-        at = scene.points[point] if moving is None else errors.moved(moving, scene.points[point])
-        true, power = _with_clutter(
-            rng, _true_targets(scene, point, at, seen.theta[i], mounting), power, sensor
-        )
+    for i, turn in enumerate(turns):  # in the sensor frame
+        points = np.concatenate([still.positions, places[i]]) @ turn + back[i, :2]
+        over_ground = np.concatenate([at_rest, velocities[i]]) @ turn
+        walls = (ends @ turn + back[i, :2]).reshape(-1, 2, 2)
+        point, power = _detected(rng, points, strength, walls, sensor)
+        at = points[point] if shifts is None else errors.moved(shifts, points[point])
+        distance, azimuth = np.hypot(*at.T), np.arctan2(at[:, 1], at[:, 0])
+        away = (over_ground[point] * (at / distance[:, None])).sum(axis=1)
+        doppler = doppler_velocity(seen.theta[i], azimuth, mounting) + away
+        true = TrueTargets(kind[point], point, distance, azimuth, doppler)
+        true, power = _with_clutter(rng, true, power, sensor)
         scan, kept = _measured(rng, float(times[i]), true, power, sensor, errors)
         scans.append(scan)
         targets.append(kept)
@@ -198,58 +209,19 @@ def _motion(times: Array, start: float, speed: float) -> Reference:
     return Reference(times, theta, lap_poses(along))
 
 
-class _Scene(NamedTuple):
-    """The world in the sensor frame at one instant; the movers' reflection points come last."""
-
-    points: Array  # (n, 2)
-    velocities: Array  # (n, 2), relative to the ground
-    strength: Array  # (n,)
-    kind: NDArray[np.str_]  # (n,)
-    walls: Array  # (S, 2, 2)
-
-
-def _scenes(seen: Reference, mounting: Mounting, world: World) -> Iterator[_Scene]:
-    """The world in the sensor frame at each of the times at which it is seen."""
-    still, moving = world.reflectors, world.movers
-    strength = np.concatenate([still.strength, moving.strength])
-    kind = np.concatenate([still.kind, np.full(len(moving.strength), "moving")])
-    at_rest, ends = np.zeros_like(still.positions), world.walls.reshape(-1, 2)
-    back = rigid.inverse(rigid.compose(seen.poses, mounting.pose))
-    turns = np.swapaxes(rigid.rotation(back[:, 2]), -1, -2)
-    places, velocities = moving.at(seen.times)
-    for shift, turn, place, velocity in zip(back[:, :2], turns, places, velocities, strict=True):
-        yield _Scene(
-            np.concatenate([still.positions, place]) @ turn + shift,
-            np.concatenate([at_rest, velocity]) @ turn,
-            strength,
-            kind,
-            (ends @ turn + shift).reshape(-1, 2, 2),
-        )
-
-
 def _detected(
-    rng: np.random.Generator, scene: _Scene, sensor: Sensor
+    rng: np.random.Generator, points: Array, strength: Array, walls: Array, sensor: Sensor
 ) -> tuple[NDArray[np.int_], Array]:
-    """The points that are detected, and their power relative to the threshold."""
-    distance = np.hypot(*scene.points.T)
+    """The points (n, 2) that are detected, and their power relative to the threshold."""
+    distance = np.hypot(*points.T)
     point = np.flatnonzero((distance > sensor.min_range) & (distance < sensor.max_range))
-    azimuth = np.arctan2(scene.points[point, 1], scene.points[point, 0])
+    azimuth = np.arctan2(points[point, 1], points[point, 0])
     point = point[np.abs(azimuth) < sensor.field_of_view]
-    mean = scene.strength[point] * (sensor.half_range / distance[point]) ** 4 / np.log(2.0)
+    mean = strength[point] * (sensor.half_range / distance[point]) ** 4 / np.log(2.0)
     power = mean * rng.exponential(size=len(point))
     point, power = point[power > 1.0], power[power > 1.0]
-    seen = visible(scene.points[point], scene.walls)
+    seen = visible(points[point], walls)
     return point[seen], power[seen]
-
-
-def _true_targets(
-    scene: _Scene, point: NDArray[np.int_], at: Array, theta: Array, mounting: Mounting
-) -> TrueTargets:
-    """Measurements of an exact sensor, of points that are seen at the places (K, 2)."""
-    distance, azimuth = np.hypot(*at.T), np.arctan2(at[:, 1], at[:, 0])
-    away = (scene.velocities[point] * (at / distance[:, None])).sum(axis=1)
-    doppler = doppler_velocity(theta, azimuth, mounting) + away
-    return TrueTargets(scene.kind[point], point, distance, azimuth, doppler)
 
 
 def _with_clutter(

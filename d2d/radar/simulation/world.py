@@ -115,8 +115,6 @@ def visible(points: Array, walls: Array) -> NDArray[np.bool_]:
     return np.asarray(~crossed.any(axis=1))
 
 
-# ---- The path ------------------------------------------------------------------------------------
-#
 # The street runs counter-clockwise around an L-shaped block: five quarter turns to the left and one
 # to the right.  The curvature of a turn is a squared sine along its length, so that the yaw rate is
 # smooth; heading, position and velocity are derived from it.
@@ -198,9 +196,6 @@ def _corners() -> Array:
     return np.asarray(0.5 * width - extent + np.cumsum([0.0, *(sides - shortcut)]))
 
 
-# ---- What stands along the street ----------------------------------------------------------------
-
-
 def build_world(rng: np.random.Generator, movers: int = 6) -> World:
     """Line the street with buildings, parked cars, poles and bushes, and add moving objects.
 
@@ -254,14 +249,10 @@ def _buildings(rng: np.random.Generator) -> Array:
             along += length + gap
     outlines = _outline(np.array(frames), np.array(lengths), np.full(len(lengths), 8.0))
     street = lap_poses(np.arange(0.0, LAP, 0.5))[:, :2]
-    return outlines[_gaps(np.array(frames), np.array(lengths), 8.0, street) > _CLEARANCE]
-
-
-def _gaps(frames: Array, length: Array, width: float, street: Array) -> Array:
-    """Distance (n,) of each rectangle from the nearest point of the street."""
-    local = np.abs(rigid.transform_means(rigid.inverse(frames), street))
-    half = 0.5 * np.stack([length, np.full_like(length, width)], axis=-1)
-    return np.asarray(np.linalg.norm(np.maximum(local - half[:, None], 0.0), axis=-1).min(axis=1))
+    half = 0.5 * np.stack([lengths, np.full(len(lengths), 8.0)], axis=-1)
+    beside = np.abs(rigid.transform_means(rigid.inverse(np.array(frames)), street))
+    gaps = np.linalg.norm(np.maximum(beside - half[:, None], 0.0), axis=-1).min(axis=1)
+    return np.asarray(outlines[gaps > _CLEARANCE])
 
 
 def _parked_cars(rng: np.random.Generator) -> Array:

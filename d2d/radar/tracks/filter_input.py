@@ -13,12 +13,11 @@ from d2d.radar.scans.budget import CovarianceParts
 class FilterInput(NamedTuple):
     """Estimate as input of a Kalman filter: a measurement of its state with white noise.
 
-    `VelocityEstimate.theta` is filtered: its errors stay for seconds, and a filter that takes them
-    as white believes that they average out.  Here nothing is filtered yet: the filter's own
-    acceleration takes it to its time, and the slow errors are further states (state augmentation:
-    Bar-Shalom, Li & Kirubarajan 2001) or, better on the road, considered without being learnt, as
-    `Tracker` does.  With the true velocity v and acceleration a of the vehicle at the estimate's
-    time, in the vehicle frame (v' = a), and with the slow errors s of S sensors,
+    `VelocityEstimate.theta` is filtered: a filter that takes its errors as white believes that they
+    average out.  Here nothing is filtered yet, and the slow errors are further states (state
+    augmentation: Bar-Shalom, Li & Kirubarajan 2001) or, better on the road, considered without
+    being learnt, as `Tracker` does.  With the true velocity v and acceleration a of the vehicle at
+    the estimate's time, in the vehicle frame (v' = a), and with the slow errors s of S sensors,
 
         velocity = v + (delay - lag s_lag) a + slow s + white noise
 
@@ -28,9 +27,6 @@ class FilterInput(NamedTuple):
     s_lag come three errors of the velocity itself if the budget states them (`fit_budget`).  Begin
     with zero and the unit matrix as their covariance.  On the road they stay for about 15 s:
     multiply them by k = exp(-interval / 15) in each step, and add 1 - k^2 to their variances.
-
-    Neighbouring estimates share scans.  Their noise partly cancels for it, which a filter leaves
-    out: it states a little too much.
 
     Attributes
     ----------

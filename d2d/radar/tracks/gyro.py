@@ -67,8 +67,9 @@ class GyroRates:
     def add(self, times: ArrayLike, yaw_rates: ArrayLike) -> None:
         """Take the next yaw rates (n,), which are later than those before."""
         known, rates = check_rates(times, yaw_rates)
-        both = np.append(self._times, known)
-        self._times, self._rates = check_rates(both, np.append(self._rates, rates))
+        self._times, self._rates = check_rates(
+            np.append(self._times, known), np.append(self._rates, rates)
+        )
 
     def before(self, time: float) -> MeanRate | None:
         """The mean of those shortly before a time in s, or at it; all until then are dropped."""

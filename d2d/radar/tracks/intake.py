@@ -27,14 +27,11 @@ class ScanWarning(UserWarning):
 class ScanGate:
     """Takes the scans of sensors as they arrive, and gives back those to be used.
 
-    No time is changed.  A scan is out of step if it is more than a second before the last one of
-    its sensor, or so long after all of them that it may be a wrong stamp (a second, and five
-    cycles).  It is held back until the next scans tell.  If any of them is in step, the stamp was
-    wrong, and the scan is left out.  If its sensor goes on from there while no other one is in
-    step, its clock has been set, or all of them paused: then a new segment begins with all scans
-    that were held back.
-
-    A warning names the sensor, once for each reason.
+    A scan is out of step if it is more than a second before the last one of its sensor, or a second
+    and five cycles after all of them.  It is held back until the next scans tell.  If any of them
+    is in step, the stamp was wrong, and the scan is left out.  If its sensor goes on from there
+    while no other one is in step, its clock has been set, or all of them paused: then a new segment
+    begins with all scans that were held back.  A warning names the sensor, once for each reason.
     """
 
     def __init__(self, names: Sequence[str]) -> None:
@@ -68,29 +65,16 @@ class ScanGate:
             )
         self._arrived[sensor] = scan
         if in_step:
-            self._leave_out(self._held)
+            self.finish()
             return [self._used(sensor, scan)]
-        if back and sensor in self._held:
-            self._leave_out([sensor])
+        if back:
+            self._leave_out(sensor)
         self._held.setdefault(sensor, []).append(scan)
-        return self._begun(sensor, last)
-
-    def finish(self) -> None:
-        """Leave out the scans that are still held back."""
-        self._leave_out(self._held)
-
-    def leave_out_late(self, sensor: int, scan: RadarScan, last: float) -> None:
-        """Say that a scan comes after an estimate at a later time."""
-        text = f"has a scan at {scan.time:.3f} s that comes after the estimate at {last:.3f} s and"
-        self._warn("late", sensor, f"{text} is", "do its scans arrive late?")
-
-    def _begun(self, sensor: int, last: float) -> list[tuple[int, RadarScan]]:
-        """The scans with which a segment begins, once those of this sensor are enough for it."""
-        start, end = self._held[sensor][0].time, self._held[sensor][-1].time
         others = max((self._cycle(s) for s in self._intervals if s != sensor), default=0.0)
-        if end - start <= _WAITED * others:
+        start = self._held[sensor][0].time
+        if scan.time - start <= _WAITED * others:
             return []
-        held = [(scan.time, s, scan) for s, scans in self._held.items() for scan in scans]
+        held = [(each.time, s, each) for s, scans in self._held.items() for each in scans]
         self._held = {}
         if start <= last:
             self.stepped_back, self._latest = True, {}
@@ -98,7 +82,17 @@ class ScanGate:
                 f"the clock of {self._names[sensor]} steps back from {last:.3f} s to {start:.3f} s:"
                 " a new segment begins there"
             )
-        return [self._used(s, scan) for _, s, scan in sorted(held, key=lambda entry: entry[:2])]
+        return [self._used(s, each) for _, s, each in sorted(held, key=lambda entry: entry[:2])]
+
+    def finish(self) -> None:
+        """Leave out the scans that are still held back."""
+        for sensor in [*self._held]:
+            self._leave_out(sensor)
+
+    def leave_out_late(self, sensor: int, scan: RadarScan, last: float) -> None:
+        """Say that a scan comes after an estimate at a later time."""
+        text = f"has a scan at {scan.time:.3f} s that comes after the estimate at {last:.3f} s and"
+        self._warn("late", sensor, f"{text} is", "do its scans arrive late?")
 
     def _used(self, sensor: int, scan: RadarScan) -> tuple[int, RadarScan]:
         if sensor in self._latest:
@@ -115,19 +109,17 @@ class ScanGate:
         slowest = max(map(self._cycle, self._intervals))
         return max(_STEP, _CYCLES * slowest) if slowest else np.inf
 
-    def _leave_out(self, sensors: Mapping[int, object] | Sequence[int]) -> None:
-        for sensor in [*sensors]:
-            stamp = self._held.pop(sensor)[0].time
-            self._warn(
-                "stamp",
-                sensor,
-                f"has a scan at {stamp:.3f} s, out of step, which is",
-                "is its time stamp wrong?",
-            )
+    def _leave_out(self, sensor: int) -> None:
+        """Leave out the scans of a sensor that are held back, if there are any."""
+        held = self._held.pop(sensor, None)
+        if held is not None:
+            text = f"has a scan at {held[0].time:.3f} s, out of step, which is"
+            self._warn("stamp", sensor, text, "is its time stamp wrong?")
 
     def _without_twins(self, sensor: int, scan: RadarScan) -> RadarScan:
         """The scan with one of each two equal targets, if half of them are there twice."""
-        if scan.size < _FEW:
+        # most scans: too few of their ranges are there twice
+        if scan.size < _FEW or 2 * (np.diff(np.sort(scan.range)) == 0.0).sum() < scan.size - 1:
             return scan
         measured = np.column_stack([getattr(scan, name) for name in MEASURED])
         order = np.lexsort(measured.T)

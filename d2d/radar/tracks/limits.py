@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass, fields, replace
-from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,18 +13,12 @@ _HARD = 0.5  # s, for which a vehicle accelerates as hard as it can
 _SIGMAS = 3.0  # standard deviations that an estimate may lie beyond a limit
 
 
-@dataclass(frozen=True)
-class State:
+class State(NamedTuple):
     """A velocity [v_x, v_y, omega] at its time, with its covariance."""
 
     time: float  # s
     theta: Array  # (3,)
     covariance: Array  # (3, 3)
-
-    @cached_property
-    def sigmas(self) -> list[float]:
-        """The three standard deviations."""
-        return [math.sqrt(variance) for variance in self.covariance.diagonal().tolist()]
 
 
 @dataclass(frozen=True)
@@ -32,14 +26,12 @@ class VehicleLimits:
     """How fast a vehicle moves, and how fast its velocity changes.
 
     The defaults are somewhat beyond what a car does; ``math.inf`` switches a limit off.  An
-    estimate that exceeds one by more than three of its own standard deviations is not accepted:
-    radar alone sometimes finds an optimum that no vehicle could follow, which its inlier
-    probability does not reveal.  Raises a ``ValueError`` if a limit is not positive.
+    estimate that exceeds one by more than three of its own standard deviations is not accepted.
+    Raises a ``ValueError`` if a limit is not positive.
 
     The velocity may have changed since the last accepted estimate by the acceleration times the
-    time that has passed.  Nobody brakes or turns in as hard as that for long: beyond half a second
-    the change grows with the square root of the time, so that estimates which fail in between do
-    not make any jump plausible.
+    time that has passed; beyond half a second, as nobody brakes or turns in like that for long, by
+    that times the square root of the time.
 
     Attributes
     ----------
@@ -56,10 +48,9 @@ class VehicleLimits:
         Largest useful standard deviation of v_x and of v_y.  Where a few targets agree by accident,
         or move along with the vehicle, it is mostly larger.
     yaw_rate_of_slip : float, rad/s
-        By how much the yaw rate may move if v_y is taken as zero, whatever its standard deviation.
-        A single sensor ahead of the axle determines its own lateral velocity well and the yaw rate
-        poorly: an error of the yaw rate then appears as side slip.  The default is for an origin
-        near the rear axle; where it is far from it, or all wheels turn, take a larger one.
+        By how much the yaw rate may move if v_y is taken as zero: of a single sensor ahead of the
+        axle, an error of the yaw rate appears as side slip.  The default is for an origin near the
+        rear axle; where it is far from it, or all wheels turn, take a larger one.
     """
 
     speed: float = 100.0
@@ -89,7 +80,7 @@ class VehicleLimits:
 
     def exceeded(self, state: State, last: State | None) -> str:
         """Reason to reject the state, in words; empty if it is plausible after the last one."""
-        sigmas, theta = state.sigmas, state.theta.tolist()
+        sigmas, theta = np.sqrt(state.covariance.diagonal()).tolist(), state.theta.tolist()
         speed, turn = math.hypot(theta[0], theta[1]), abs(theta[2])
         if speed > self.speed + _SIGMAS * math.hypot(sigmas[0], sigmas[1]):
             return f"a speed of {speed:.1f} m/s"
@@ -107,12 +98,12 @@ class VehicleLimits:
             return ""
         interval = state.time - last.time
         enough = min(interval, math.sqrt(interval * _HARD))
-        units = ("m/s^2 along x", "m/s^2 along y", "rad/s^2")
-        limits = (self.acceleration, self.acceleration, self.yaw_acceleration)
-        for axis in range(3):
-            change = abs(float(state.theta[axis] - last.theta[axis]))
-            spread = _SIGMAS * math.hypot(sigmas[axis], last.sigmas[axis])
-            if change > limits[axis] * enough + spread:
-                kind = "a yaw acceleration" if axis == 2 else "an acceleration"
-                return f"{kind} of {change / interval:.1f} {units[axis]}"
-        return ""
+        change = np.abs(state.theta - last.theta)
+        spread = _SIGMAS * np.hypot(sigmas, np.sqrt(last.covariance.diagonal()))
+        limits = np.array([self.acceleration, self.acceleration, self.yaw_acceleration])
+        beyond = np.flatnonzero(change > limits * enough + spread)
+        if not len(beyond):
+            return ""
+        kind = "a yaw acceleration" if beyond[0] == 2 else "an acceleration"
+        unit = ("m/s^2 along x", "m/s^2 along y", "rad/s^2")[beyond[0]]
+        return f"{kind} of {change[beyond[0]] / interval:.1f} {unit}"

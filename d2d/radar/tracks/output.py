@@ -17,19 +17,14 @@ Arrays = dict[str, NDArray[Any]]
 # The fields of a track.
 REQUIRED = ("times", "intervals", "theta", "covariance", "converged")
 OPTIONAL = ("reasons", "targets", "inliers", "errors")
-TYPES = {
-    "converged": np.bool_,
-    "guessed": np.bool_,
-    "reasons": np.str_,
-    "targets": np.int64,
-}  # others are floats
+TYPES = {"converged": np.bool_, "reasons": np.str_, "targets": np.int64}  # others are floats
 _MARK, _FORMAT = "format", "d2d.radar.Track 2"
-_IN_TABLES = OPTIONAL[:-1]
-# The entries of a covariance that are written: the upper triangle.
 _UPPER = np.triu_indices(3)
-_VELOCITY = ("time", "interval", "v_x", "v_y", "omega", "converged")
-_ENTRIES = ("var_v_x", "cov_v_x_v_y", "cov_v_x_omega", "var_v_y", "cov_v_y_omega", "var_omega")
-_COLUMNS = _VELOCITY + _ENTRIES
+# The columns of a table; the last six are the upper triangle of the covariance.
+_COLUMNS = (
+    *("time", "interval", "v_x", "v_y", "omega", "converged", "var_v_x", "cov_v_x_v_y"),
+    *("cov_v_x_omega", "var_v_y", "cov_v_y_omega", "var_omega"),
+)
 
 
 def save_fields(path: Path, fields: Mapping[str, Any]) -> None:
@@ -55,14 +50,10 @@ def load_fields(path: Path) -> dict[str, Any]:
     if mark != _FORMAT:
         raise ValueError(f"{path} has the format {mark!r}, but this version reads {_FORMAT!r}")
     del fields[_MARK]
-    for names, said in (
-        ({*REQUIRED} - fields.keys(), "lacks"),
-        (fields.keys() - {*REQUIRED, *OPTIONAL}, "also holds"),
-    ):
-        if names:
-            raise ValueError(
-                f"{path} is not a complete file of Track.save: it {said} {sorted(names)}"
-            )
+    missing, other = {*REQUIRED} - fields.keys(), fields.keys() - {*REQUIRED, *OPTIONAL}
+    if missing or other:
+        said = f"lacks {sorted(missing)}" if missing else f"also holds {sorted(other)}"
+        raise ValueError(f"{path} is not a complete file of Track.save: it {said}")
     return fields
 
 
@@ -74,8 +65,8 @@ def table_columns(fields: Mapping[str, Any]) -> Arrays:
     times, intervals, theta, covariance, converged = (fields[name] for name in REQUIRED)
     entries = covariance[:, _UPPER[0], _UPPER[1]].T
     columns = dict(zip(_COLUMNS, [times, intervals, *theta.T, converged, *entries], strict=True))
-    columns["guessed"] = fields["guessed"]
-    return columns | {name: fields[name] for name in _IN_TABLES if fields[name] is not None}
+    known = [name for name in ("guessed", *OPTIONAL[:-1]) if fields[name] is not None]
+    return columns | {name: fields[name] for name in known}
 
 
 def write_table(path: Path, fields: Mapping[str, Any]) -> None:
@@ -87,55 +78,6 @@ def write_table(path: Path, fields: Mapping[str, Any]) -> None:
         writer.writerow(columns)
         writer.writerows(zip(*(column.tolist() for column in columns.values()), strict=True))
         file.detach()
-
-
-def read_table(path: Path) -> dict[str, Any]:
-    """The fields that `write_table` wrote; raises a ValueError that names a wrong line."""
-    with path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
-        rows = csv.reader(file)
-        names = [name.strip() for name in next(rows, [])]
-        columns: dict[str, list[Any]] = {name: [] for name in names}
-        missing = [name for name in _COLUMNS if name not in columns]
-        if missing:
-            raise ValueError(f"{path} is not a table of velocities: it lacks {', '.join(missing)}")
-        for row in filter(None, rows):
-            try:
-                if len(row) != len(names):
-                    raise ValueError(f"there must be {len(names)} values, but are {len(row)}")
-                for name, value in zip(names, row, strict=True):
-                    columns[name].append(_parsed(name, value))
-            except ValueError as error:
-                raise ValueError(f"{path}, line {rows.line_num}: {error}") from None
-    arrays: Arrays = {
-        n: np.array(values, dtype=TYPES.get(n, np.float64)) for n, values in columns.items()
-    }
-    fields: dict[str, Any] = {
-        "times": arrays["time"],
-        "intervals": arrays["interval"],
-        "theta": np.column_stack([arrays[name] for name in _VELOCITY[2:5]]),
-        "covariance": _matrices(arrays),
-        "converged": arrays["converged"],
-    }
-    return fields | {name: arrays[name] for name in _IN_TABLES if name in arrays}
-
-
-def _parsed(name: str, value: str) -> object:
-    """A value of a table; an empty one is not known, as pandas writes it."""
-    if name == "reasons":
-        return value
-    if TYPES.get(name) is np.bool_:
-        if value not in ("True", "False"):
-            raise ValueError(f"{name} must be True or False, but is {value}")
-        return value == "True"
-    return int(value) if name == "targets" else float(value or "nan")
-
-
-def _matrices(arrays: Arrays) -> Array:
-    """Covariances (n, 3, 3) from the columns of their upper triangles."""
-    entries = np.array([arrays[entry] for entry in _ENTRIES])
-    matrices = np.empty((entries.shape[1], 3, 3))
-    matrices[:, _UPPER[0], _UPPER[1]] = matrices[:, _UPPER[1], _UPPER[0]] = entries.T
-    return matrices
 
 
 def write_poses(path: Path, times: Array, poses: Array) -> None:

@@ -107,7 +107,6 @@ class Knots(NamedTuple):
         slopes[:, :2] = turned @ slopes[:, :2]
         slopes *= 0.5 * np.diff(nodes)[:, None, None]
         longest = max(MEMORY, 2.5 * float(np.median(np.diff(self.times))))
-        wanted = {*ends.tolist()}
         total, behind = np.zeros((3, 3)), np.zeros((3, 3))
         ahead, i = np.zeros(self.errors.shape[2:])[:3], i - 1
         for n, time in enumerate(nodes[1:]):
@@ -120,18 +119,17 @@ class Knots(NamedTuple):
                 own, later = self.errors[i, 1, :3], self.errors[i + 1, 1, :3]
                 both = self._carried(own, i)
             share = (nodes[n] + time - 2.0 * self.times[i]) / passed
-            now, then = (2.0 - share) * slopes[n], share * slopes[n]
             move = np.eye(3)
             move[:2, 2] = poses[n, 1] - poses[n + 1, 1], poses[n + 1, 0] - poses[n, 0]
-            half = move @ (0.5 * total @ move.T + behind @ now.T + ahead[:, :3] @ then.T)
-            half += 0.5 * (now @ own[:, :3] @ now.T + then @ later[:, :3] @ then.T)
-            half += now @ both[:, :3] @ then.T
-            total = half + half.T
-            behind = move @ behind + now @ own[:, :3] + then @ both[:, :3].T
-            ahead = move @ ahead + now @ both + then @ later
-            if time in wanted:
-                found.motion[ends == time] = poses[n + 1]
-                found.covariance[ends == time] = total
+            # by the errors of the pose and of the velocities at the knots before and after
+            step = np.hstack([move, (2.0 - share) * slopes[n], share * slopes[n]])
+            with_before = np.vstack([behind, own[:, :3], both[:, :3].T])
+            with_after = np.vstack([ahead, both, later])
+            with_pose = np.vstack([total, behind.T, ahead[:, :3].T])
+            joint = np.hstack([with_pose, with_before, with_after[:, :3]])
+            total, behind, ahead = step @ joint @ step.T, step @ with_before, step @ with_after
+            found.motion[ends == time] = poses[n + 1]
+            found.covariance[ends == time] = 0.5 * (total + total.T)
         return found
 
     def _carried(self, covariance: Array, i: int) -> Array:

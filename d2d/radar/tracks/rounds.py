@@ -2,15 +2,14 @@
 
 import math
 from collections import deque
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import groupby, zip_longest
 from statistics import median
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from d2d._checks import SECONDS, check_count, check_instance, check_members, check_positive_scalar
-from d2d._types import Array
+from d2d._checks import SECONDS, check_count, check_members, check_positive_scalar
 from d2d.radar.motion.pairs import ScanPair
 from d2d.radar.scans.scan import MEASURED, Mounting, RadarScan, level
 
@@ -19,9 +18,6 @@ MAX_INTERVAL = 60.0  # s
 # s; on five drives that were tried the log score was best at 0.23 to 0.45 s, on three of them at
 # 0.3 s (appendix F)
 HORIZON = 0.3
-NO_TARGETS = "a scan without targets"
-AFTER_GAP = "the first scan after a gap"
-AFTER_STEP = "the first scan after the clock stepped back"
 REMEMBERED = 9  # intervals of a sensor, whose median is its cycle
 _ROUND = 1.5  # cycles, after which a round is over
 # A pair may be this many times as long as the horizon, or bridge a scan that is missing.
@@ -49,12 +45,17 @@ def named_sensors(sensors: Sensors, max_interval: float = MAX_INTERVAL) -> dict[
 
     By the names of their scans in messages.  Their order in time is not checked here.
     """
-    named = {
-        name: (check_members(name, scans, RadarScan), mounting)
-        for name, (scans, mounting) in _named(sensors).items()
-    }
-    for name, (scans, _) in named.items():
-        check_intervals(name, np.array([scan.time for scan in scans]), max_interval)
+    longest, named = check_positive_scalar("max_interval", max_interval), {}
+    for name, (given, mounting) in _named(sensors).items():
+        scans = check_members(name, given, RadarScan)
+        intervals = np.diff([scan.time for scan in scans])
+        if len(intervals) and np.median(intervals) > longest:
+            raise ValueError(
+                f"{name} must have times in seconds (s), at most max_interval = {longest:g} apart, "
+                f"but {scans[1].time:.6f} comes after {scans[0].time:.6f}; are these milli- or "
+                "microseconds?"
+            )
+        named[name] = scans, mounting
     check_distinct({name: scans for name, (scans, _) in named.items()})
     return {
         name: ([level(scan, mounting)[0] for scan in scans], mounting.flat)
@@ -67,12 +68,10 @@ def _named(sensors: Any) -> dict[str, tuple[Any, Mounting]]:
     alone = _parts(sensors)
     if alone is not None:
         return {"scans": alone}
-    if isinstance(sensors, Mapping):
-        given = dict(sensors)
-    else:
-        given = dict(enumerate(check_members("sensors", sensors, object)))
+    if not isinstance(sensors, Mapping):
+        sensors = dict(enumerate(check_members("sensors", sensors, object)))
     named = {}
-    for key, sensor in given.items():
+    for key, sensor in sensors.items():
         parts = _parts(sensor)
         if parts is None:
             raise ValueError(
@@ -92,17 +91,6 @@ def _parts(sensor: Any) -> tuple[Any, Mounting] | None:
     return (scans, mounting) if isinstance(mounting, Mounting) else None
 
 
-def check_intervals(name: str, times: Array, max_interval: float) -> None:
-    """Raise a ValueError if times (n,) in s are usually farther apart than ``max_interval``."""
-    longest = check_positive_scalar("max_interval", max_interval)
-    intervals = np.diff(times)
-    if len(intervals) and np.median(intervals) > longest:
-        raise ValueError(
-            f"{name} must have times in seconds (s), at most max_interval = {longest:g} apart, but "
-            f"{times[1]:.6f} comes after {times[0]:.6f}; are these milli- or microseconds?"
-        )
-
-
 def check_distinct(sensors: Mapping[str, Iterable[RadarScan]]) -> None:
     """Raise a ValueError if two sensors have a scan in common: it would count twice."""
     owners: dict[tuple[object, ...], str] = {}
@@ -117,19 +105,6 @@ def check_distinct(sensors: Mapping[str, Iterable[RadarScan]]) -> None:
                 )
 
 
-def check_mountings(mountings: Mapping[str, Mounting]) -> dict[str, Mounting]:
-    """The mountings by the names of their sensors, checked; there must be one at least."""
-    given: object = mountings
-    if not isinstance(given, Mapping) or not given:
-        raise ValueError(
-            "mountings must be a mapping of the sensors' names to their mountings, but is "
-            f"{mountings!r}"
-        )
-    for name, mounting in mountings.items():
-        check_instance(f"mountings[{name!r}]", mounting, Mounting)
-    return dict(mountings)
-
-
 def check_clocks(sensors: Mapping[str, Sequence[RadarScan]]) -> None:
     """Raise a ValueError unless the clocks of all sensors step back together, and overlap."""
     parts = {name: _segments(scans) for name, scans in sensors.items() if scans}
@@ -140,35 +115,21 @@ def check_clocks(sensors: Mapping[str, Sequence[RadarScan]]) -> None:
             f"the clock of {name} steps back from {before:.3f} s to {after:.3f} s, and that of "
             f"{other} does not; take the log before and after it, or without one of them"
         )
-    for number in range(max(map(len, parts.values()), default=0)):
-        _check_overlap({name: own[number] for name, own in parts.items() if len(own[number]) > 1})
-
-
-def _check_overlap(sensors: Mapping[str, Sequence[RadarScan]]) -> None:
-    spans = {name: (own[0].time, own[-1].time) for name, own in sensors.items()}
-    for name, (start, end) in spans.items():
-        others = {other: span for other, span in spans.items() if other != name}
-        if others and all(end < first or last < start for first, last in others.values()):
-            other, (first, last) = next(iter(others.items()))
-            raise ValueError(
-                f"{name} has times from {start:.3f} s to {end:.3f} s, and {other} from "
-                f"{first:.3f} s to {last:.3f} s: they do not overlap; is the clock of one another?"
-            )
-
-
-def check_separation(baseline: int | None, horizon: float | None) -> tuple[int, float | None]:
-    """How far apart the scans of a pair are: scans, or s; by default the usual `HORIZON`."""
-    if baseline is not None:
-        check_count("baseline", baseline)
-    elif horizon is None:
-        horizon = HORIZON
-    if horizon is not None:
-        SECONDS._replace(above=0.0, most=MAX_INTERVAL).number("horizon", horizon)
-        if baseline not in (None, 1):
-            raise ValueError(
-                f"horizon and baseline must not both be given, but are {horizon:g} s and {baseline}"
-            )
-    return baseline or 1, horizon
+    for together in zip(*parts.values(), strict=True):
+        spans = {
+            name: (own[0].time, own[-1].time)
+            for name, own in zip(parts, together, strict=True)
+            if len(own) > 1
+        }
+        for name, (start, end) in spans.items():
+            apart = [n for n, (first, last) in spans.items() if end < first or last < start]
+            if apart and len(apart) == len(spans) - 1:
+                first, last = spans[apart[0]]
+                raise ValueError(
+                    f"{name} has times from {start:.3f} s to {end:.3f} s, and {apart[0]} from "
+                    f"{first:.3f} s to {last:.3f} s: they do not overlap; is the clock of one "
+                    "another?"
+                )
 
 
 class Round(NamedTuple):
@@ -178,13 +139,8 @@ class Round(NamedTuple):
     interval: float  # s, since the round before; nan if the clock has stepped back since
     scans: dict[int, RadarScan]  # by the number of the sensor
     pairs: list[ScanPair]
+    sensors: list[int]  # the number of the sensor of each pair
     reason: str  # why there is no pair, if there is none
-
-    @property
-    def sensors(self) -> list[int]:
-        """The number of the sensor of each pair."""
-        numbers = {id(scan): number for number, scan in self.scans.items()}
-        return [numbers[id(pair.current)] for pair in self.pairs]
 
 
 class Rounds:
@@ -192,8 +148,9 @@ class Rounds:
 
     `d2d.radar.track` says when a round ends, and what is left out.  A sensor's cycle is the median
     of its last intervals, that of a round the shortest of its sensors.  Scans that are too old for
-    a pair are dropped.  A scan that is no later than the last round is left out: ``late`` has its
-    sensor, the scan and that round's time, until the caller clears it.
+    a pair are dropped.  The scans of a pair are ``baseline`` scans or a ``horizon`` in s apart, by
+    default `HORIZON`.  A scan that is no later than the last round is left out: ``late`` is called
+    with its sensor, the scan and that round's time.
     """
 
     def __init__(
@@ -201,29 +158,37 @@ class Rounds:
         mountings: Sequence[Mounting],
         baseline: int | None = None,
         horizon: float | None = None,
+        late: Callable[[int, RadarScan, float], None] = lambda *_: None,
     ) -> None:
-        apart = check_separation(baseline, horizon)
-        self._histories = [_History(mounting, *apart) for mounting in mountings]
-        self._places = [(at.x, at.y, at.yaw) for at in mountings]
+        if baseline is not None:
+            check_count("baseline", baseline)
+        elif horizon is None:
+            horizon = HORIZON
+        if horizon is not None:
+            SECONDS._replace(above=0.0, most=MAX_INTERVAL).number("horizon", horizon)
+            if baseline not in (None, 1):
+                raise ValueError(
+                    "horizon and baseline must not both be given, but are "
+                    f"{horizon:g} s and {baseline}"
+                )
+        self._histories = [_History(mounting, baseline or 1, horizon) for mounting in mountings]
+        self._late = late
         self._stepped_back = False
         self.open: dict[int, RadarScan] = {}  # the scans of the round that has not ended
         self._start = math.nan  # time of the open round's first scan
         self.last = math.nan  # s, time of the last round
-        self.late: list[tuple[int, RadarScan, float]] = []
 
-    def take(self, scans: Sequence[Sequence[RadarScan]]) -> list[Round]:
-        """The rounds that the next scans of each sensor end, in the order of their times.
+    def take(self, scans: Iterable[tuple[int, RadarScan]]) -> list[Round]:
+        """The rounds that the next scans of sensors end, in the order of their times.
 
         Of equal times, those of sensors that the open round already holds come first: they end it,
         so that scans of the same time stay together whichever sensor is named first.
         """
-        order = sorted(
-            (scan.time, s, i) for s, own in enumerate(scans) for i, scan in enumerate(own)
-        )
         ended = []
-        for _, entries in groupby(order, key=lambda entry: entry[0]):
-            for _, s, i in sorted(entries, key=lambda entry: entry[1] not in self.open):
-                ended += self.add(s, scans[s][i])
+        order = sorted(scans, key=lambda entry: (entry[1].time, entry[0]))
+        for _, entries in groupby(order, key=lambda entry: entry[1].time):
+            for sensor, scan in sorted(entries, key=lambda entry: entry[0] not in self.open):
+                ended += self.add(sensor, scan)
         return ended
 
     def add(self, sensor: int, scan: RadarScan) -> list[Round]:
@@ -234,14 +199,12 @@ class Rounds:
             if sensor in self.open or abs(scan.time - self._start) > _ROUND * cycle:
                 ended = self.finish()
         if scan.time <= self.last:
-            self.late.append((sensor, scan, self.last))
+            self._late(sensor, scan, self.last)
             return ended
         if not self.open:
             self._start = scan.time
         self.open[sensor] = scan
-        if len(self.open) == len(self._histories):
-            ended += self.finish()
-        return ended
+        return ended + (self.finish() if len(self.open) == len(self._histories) else [])
 
     def finish(self) -> list[Round]:
         """The open round, if there is one, and not the first: that has nothing to pair with."""
@@ -249,17 +212,20 @@ class Rounds:
         if not scans:
             return []
         # neither the arrival nor the numbers of the sensors decide on the rounding of a sum
-        order = sorted(scans, key=lambda s: (scans[s].time, *self._places[s]))
-        chosen = [self._histories[s].paired(scans[s]) for s in order]
+        places = {s: self._histories[s].mounting for s in scans}
+        order = sorted(scans, key=lambda s: (scans[s].time, *places[s].pose))
+        chosen = {s: self._histories[s].paired(scans[s]) for s in order}
+        pairs = {s: pair for s, pair in chosen.items() if pair is not None}
         time = float(np.mean([scans[s].time for s in order]))
         interval, self.last = time - self.last, time
         if math.isnan(interval) and not self._stepped_back:
             return []
-        pairs = [pair for pair in chosen if pair is not None]
-        reason = AFTER_GAP if all(scan.size for scan in scans.values()) else NO_TARGETS
+        reason = "the first scan after a gap"
         if self._stepped_back:
-            self._stepped_back, reason = False, AFTER_STEP
-        return [Round(time, interval, scans, pairs, reason)]
+            self._stepped_back, reason = False, "the first scan after the clock stepped back"
+        elif not all(scan.size for scan in scans.values()):
+            reason = "a scan without targets"
+        return [Round(time, interval, scans, list(pairs.values()), list(pairs), reason)]
 
     def step_back(self) -> list[Round]:
         """End the open round, and begin a segment whose times may lie before it."""
@@ -274,7 +240,7 @@ class _History:
     """The latest scans of one sensor."""
 
     def __init__(self, mounting: Mounting, baseline: int, horizon: float | None) -> None:
-        self._mounting = mounting
+        self.mounting = mounting
         self._baseline, self._horizon = baseline, horizon
         self._scans: deque[RadarScan] = deque()
         self._intervals: deque[float] = deque(maxlen=REMEMBERED)
@@ -296,27 +262,21 @@ class _History:
         """
         if not scan.size:
             return None
-        scans = self._scans
+        scans, previous = self._scans, None
         if scans:
             self._intervals.append(scan.time - scans[-1].time)
             usual = self._baseline * self.cycle if self._horizon is None else self._horizon
             longest = max(_LONGER * usual, _GAP * self.cycle)
             while scans and scan.time - scans[0].time > longest:
                 scans.popleft()
-        previous = self._before(scan.time)
+        if scans and self._horizon is None:
+            previous = scans[max(len(scans) - self._baseline, 0)]
+        elif scans:
+            # rounding must not decide between two scans that are equally near: the later one wins
+            wanted = scan.time - (self._horizon or 0.0)
+            previous = min(reversed(scans), key=lambda each: round(abs(each.time - wanted), 6))
         scans.append(scan)
-        return None if previous is None else ScanPair(previous, scan, self._mounting)
-
-    def _before(self, time: float) -> RadarScan | None:
-        """The scan to register with: ``baseline`` or ``horizon`` before, or the first; if any."""
-        scans = self._scans
-        if not scans:
-            return None
-        if self._horizon is None:
-            return scans[max(len(scans) - self._baseline, 0)]
-        wanted = time - self._horizon
-        # rounding must not decide between two scans that are equally near: the later one wins
-        return min(reversed(scans), key=lambda scan: round(abs(scan.time - wanted), 6))
+        return None if previous is None else ScanPair(previous, scan, self.mounting)
 
 
 def rounds_of(
@@ -326,7 +286,8 @@ def rounds_of(
     rounds = Rounds([mounting for _, mounting in sensors], baseline, horizon)
     found: list[Round] = []
     for together in zip_longest(*(_segments(scans) for scans, _ in sensors), fillvalue=[]):
-        found += rounds.step_back() + rounds.take(together)
+        found += rounds.step_back()
+        found += rounds.take((s, scan) for s, own in enumerate(together) for scan in own)
     return found + rounds.finish()
 
 

@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from d2d._types import Array
@@ -48,19 +49,11 @@ def support_of(times: Array, intervals: Array, converged: NDArray[np.bool_]) -> 
         longest = max(
             _BRIDGED[0], _BRIDGED[1] * float(np.median(np.diff(times[rows], prepend=first)))
         )
-        good = times[rows][_in_a_row(converged[rows], min(_ROW, len(rows)))]
+        in_a_row = np.ones(min(_ROW, len(rows)))
+        good = times[rows][scipy.ndimage.binary_opening(converged[rows], in_a_row)]
         known = np.concatenate([[first], good, times[rows[-1:]]])
         long = np.flatnonzero(np.diff(known) > longest)
         guessed += [(float(known[i]), float(known[i + 1])) for i in long]
     missing = sum(end - begin for begin, end in guessed)
     share = 1.0 - missing / total if total else float(converged.any())
     return Support(share, guessed)
-
-
-def _in_a_row(good: NDArray[np.bool_], length: int) -> NDArray[np.bool_]:
-    """Mask (n,) of what belongs to so many true values in succession, or to more."""
-    ends = np.flatnonzero(np.diff(np.r_[False, good, False]))
-    found = np.zeros(len(good), dtype=np.bool_)
-    for begin, end in ends.reshape(-1, 2):
-        found[begin:end] = end - begin >= length
-    return found

@@ -5,8 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections import Counter
-from dataclasses import dataclass
-from pathlib import Path
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -21,7 +20,6 @@ from d2d.radar.tracks.output import (
     REQUIRED,
     TYPES,
     load_fields,
-    read_table,
     save_fields,
     table_columns,
     write_poses,
@@ -65,9 +63,7 @@ class Track(Frozen):
     ``segments`` begins, and the path goes on from the pose before.  Only within a segment are times
     in order; `at`, `displacement` and `write_tum` need a track of one.
 
-    Raises a ``ValueError`` if shapes or types do not match, times do not increase strictly within a
-    segment, intervals contradict them, reasons contradict ``converged``, or where converged an
-    estimate is not finite or its covariance is not one.
+    Raises a ``ValueError`` if shapes or types do not match, or fields contradict each other.
 
     Attributes
     ----------
@@ -131,9 +127,8 @@ class Track(Frozen):
         given: object = rows
         if not isinstance(given, slice) or given.step not in (None, 1):
             raise ValueError(f"a track must be sliced with a step of 1, but by {rows!r}")
-        chosen: dict[str, Any] = {name: vars(self)[name] for name in (*REQUIRED, *OPTIONAL)}
-        chosen = {name: value if value is None else value[rows] for name, value in chosen.items()}
-        return Track(**chosen)
+        names = REQUIRED + OPTIONAL
+        return replace(self, **{n: vars(self)[n][rows] for n in names if vars(self)[n] is not None})
 
     def __len__(self) -> int:
         """The number of estimates."""
@@ -171,12 +166,10 @@ class Track(Frozen):
         """The velocities at other times (m,) in s, by linear interpolation.
 
         They are nan outside the track's time span, next to an estimate that failed, and in gaps of
-        more than twice the usual interval; at the time of an estimate, they are that estimate
-        itself.  The covariance is interpolated linearly too.  It is an upper bound for the
-        interpolated error, however the errors of the two neighbours are correlated, but does not
-        contain a change of the velocity between their times.
-
-        Raises a ``ValueError`` if the track is empty, or its clock steps back.
+        more than twice the usual interval.  The covariance, linear too, bounds the interpolated
+        error, however those of the two neighbours are correlated, but does not contain a change of
+        the velocity between their times.  Raises a ``ValueError`` if the track is empty, or its
+        clock steps back.
         """
         wanted = check_finite("times", times, "(m,)")
         before, after, weight, known = neighbours(self, wanted)
@@ -194,12 +187,10 @@ class Track(Frozen):
     def displacement(self, start: ArrayLike, end: ArrayLike) -> Displacement:
         """How far the vehicle has moved from ``start`` to ``end`` (n,) in s, and how surely.
 
-        The motions (n, 3) in m, m, rad are those in the vehicle frame at the start, and each has
-        its covariance (n, 3, 3), from the ``errors`` of the filter: noise averages out, and errors
-        that the budget states add up.  Where these are not known, the estimates' errors are taken
-        as independent, which states far too little over more than a second.
-
-        Both are nan outside the track, and over more than two seconds without a scan.
+        The covariances (n, 3, 3) follow from the ``errors`` of the filter: noise averages out, and
+        errors that the budget states add up.  Of bare pairs, the errors are taken as independent,
+        which states far too little over more than a second.  Motions and covariances are nan
+        outside the track, and over more than two seconds without a scan.
 
         Examples
         --------
@@ -256,8 +247,8 @@ class Track(Frozen):
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write all of the track to a file, from which `load` gives the same numbers bit by bit.
 
-        The path best ends in ``.npz``; a leading ``~`` stands for the home folder.  An existing
-        file is replaced once all is written.  Raises an ``OSError`` if that is not possible.
+        A leading ``~`` of the path stands for the home folder.  An existing file is replaced once
+        all is written.  Raises an ``OSError`` if that is not possible.
         """
         save_fields(check_path("path", path), vars(self))
 
@@ -265,14 +256,17 @@ class Track(Frozen):
     def load(cls, path: str | os.PathLike[str]) -> Track:
         """The track that `save` wrote; a ``ValueError`` names a file that is not a complete one."""
         source = check_path("path", path)
-        return cls._from_file(source, load_fields(source))
+        fields = load_fields(source)
+        try:
+            return cls(**fields)
+        except ValueError as error:
+            raise ValueError(f"{source} holds no track: {error}") from None
 
     def write_tum(self, path: str | os.PathLike[str], start: ArrayLike = (0.0, 0.0, 0.0)) -> None:
         """Write the poses as a TUM trajectory file, one line "t x y z qx qy qz qw" per pose.
 
-        `evo` and other tools read this format; t is in s, and the vehicle stays in the plane z = 0.
-        ``start`` is as for `poses`, ``path`` as for `save`.  Raises a ``ValueError`` if the track
-        is empty, or its clock steps back.
+        `evo` and other tools read this format.  ``start`` is as for `poses`, ``path`` as for
+        `save`.  Raises a ``ValueError`` if the track is empty, or its clock steps back.
         """
         poses = self.poses(start)
         if not len(self.times):
@@ -284,40 +278,14 @@ class Track(Frozen):
     def write_velocities(self, path: str | os.PathLike[str]) -> None:
         """Write all of the track as a table in a CSV file, which pandas and spreadsheets read.
 
-        The first line names the columns, those of `to_dataframe`:
-
-        =============================== ================================= =====================
-        columns                         what                              unit
-        =============================== ================================= =====================
-        time, interval                  of the estimate                   s
-        v_x, v_y, omega                 the velocity                      m/s, m/s, rad/s
-        converged                       whether the estimate was accepted True or False
-        guessed                         whether the pose is a guess       True or False
-        var_v_x, cov_v_x_v_y, ...       its covariance                    products of these
-        reasons, targets, inliers       if known
-        =============================== ================================= =====================
-
-        Where an estimate was not accepted, its (co)variances are ``nan`` and the velocity is the
-        last one that was, or a guess.  The velocities are filtered: to another filter, give
-        `FilterInput` instead.  The path is as for `save`.
+        The first line names the columns, those of `to_dataframe`: time and interval (s), v_x, v_y
+        (m/s) and omega (rad/s), whether the estimate was ``converged`` and its pose is ``guessed``,
+        the variances and covariances (var_v_x, cov_v_x_v_y, ...), and reasons, targets and inliers
+        where known.  Where an estimate was not accepted, its (co)variances are ``nan`` and the
+        velocity is the last one that was, or a guess.  The velocities are filtered: to another
+        filter, give `FilterInput` instead.  The path is as for `save`.
         """
         write_table(check_path("path", path), vars(self) | {"guessed": self.guessed})
-
-    @classmethod
-    def read_velocities(cls, path: str | os.PathLike[str]) -> Track:
-        """The track in a table of `write_velocities`, bit by bit; what the table lacks is None.
-
-        Raises a ``ValueError`` that names file and line if it is no such table.
-        """
-        source = check_path("path", path)
-        return cls._from_file(source, read_table(source))
-
-    @classmethod
-    def _from_file(cls, source: Path, fields: dict[str, Any]) -> Track:
-        try:
-            return cls(**fields)
-        except ValueError as error:
-            raise ValueError(f"{source} holds no track: {error}") from None
 
     def to_dataframe(self) -> DataFrame:
         """The estimates as a pandas table, one row for each; pandas must be installed.

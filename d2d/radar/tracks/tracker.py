@@ -4,14 +4,14 @@ import sys
 from collections import deque
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
-from typing import TextIO, Unpack
+from importlib.util import find_spec
+from typing import Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from d2d._checks import check_count, check_finite, check_flag, check_instance
 from d2d.radar.motion.model import EstimationOptions, split_options
-from d2d.radar.motion.pairs import ScanPair
 from d2d.radar.scans.budget import ErrorBudget
 from d2d.radar.scans.scan import Mounting, RadarScan, level
 from d2d.radar.tracks.estimator import OdometryEstimator, VelocityEstimate
@@ -26,7 +26,6 @@ from d2d.radar.tracks.rounds import (
     Sensors,
     check_clocks,
     check_distinct,
-    check_mountings,
     named_sensors,
     rounds_of,
 )
@@ -36,30 +35,34 @@ DEFAULT_LIMITS = VehicleLimits()
 _BAR_DELAY = 2.0  # s, so that short tracks show no progress bar
 
 
+class TrackOptions(EstimationOptions, total=False):
+    """The options that `track` and `Tracker` share; `track` says what they are."""
+
+    horizon: float | None
+    baseline: int | None
+    carry: bool
+    initial: ArrayLike | None
+    budget: ErrorBudget | None
+    gyro: Gyro | None
+    limits: VehicleLimits | None
+
+
 def track(
     sensors: Sensors,
     *,
-    horizon: float | None = None,
-    baseline: int | None = None,
-    carry: bool = True,
-    initial: ArrayLike | None = None,
-    max_interval: float = MAX_INTERVAL,
-    budget: ErrorBudget | None = None,
-    gyro: Gyro | None = None,
     smooth: bool = False,
-    limits: VehicleLimits | None = DEFAULT_LIMITS,
+    max_interval: float = MAX_INTERVAL,
     progress: bool | None = None,
-    **options: Unpack[EstimationOptions],
+    **options: Unpack[TrackOptions],
 ) -> Track:
     """Ego-motion over a whole drive from one sensor, or from several that need not be synchronised.
 
     The numbers are those of a `Tracker` that gets the scans of all sensors in time order: nothing
     that an estimate uses is later than its round, unless ``smooth`` is true.  A round ends when
     every sensor has been seen, when one of its sensors comes again, or one and a half of its cycles
-    after its first scan; scans of the same time stay together.  With one sensor, each scan is a
-    round.  Each round after the first gives one estimate, at the mean time of its scans.  Pairs
-    with an empty scan, and those much longer than usual, are left out: after a gap a sensor starts
-    afresh.
+    after its first scan; scans of the same time stay together.  Each round after the first gives
+    one estimate, at the mean time of its scans.  Pairs with an empty scan, and those much longer
+    than usual, are left out: after a gap a sensor starts afresh.
 
     Times are used as they come.  Left out, with a `ScanWarning`, are a scan that repeats the one
     before target by target (at the same time, or while its sensor moves), the second of equal
@@ -76,14 +79,19 @@ def track(
 
     Raises a ``ValueError`` if something is not a sensor, two have a scan in common, scans are out
     of time order or usually too far apart, the times of a sensor do not overlap with those of the
-    others or only its clock steps back, there are fewer than two rounds, ``horizon`` is given
-    beside ``baseline``, or another argument is invalid.
+    others or only its clock steps back, there are fewer than two rounds, or an argument is invalid.
 
     Parameters
     ----------
     sensors : Recording, (scans, Mounting), or a sequence or mapping of them
-        The sensor or sensors of the vehicle, each with its scans in strictly increasing time; a
-        simulated `Drive` will do, too.  Error messages use the names of a mapping.
+        Each with its scans in strictly increasing time; a simulated `Drive` will do, too.
+    smooth : bool
+        Whether the velocities rest on all estimates, also the later ones, instead of those before.
+    max_interval : float, s
+        Longest usual time between two scans of a sensor, which times in milliseconds exceed.
+    progress : bool, optional
+        Whether tqdm shows a bar on the standard error; by default after two seconds if that is a
+        terminal and tqdm is installed.
     horizon : float, s, optional
         Each scan is registered with the one of its sensor whose time is nearest to this long
         before, by default 0.3 s; or with the first one.  Over a longer interval, the same position
@@ -92,30 +100,20 @@ def track(
     baseline : int, optional
         The same as a number of scans, instead of a horizon.
     carry : bool
-        Whether what earlier estimates show is carried on to the next ones.  A Kalman filter of the
-        velocity and the acceleration takes each estimate to the time of its round, which positions,
-        of a mean velocity over an interval, lag behind, and averages their noise.  The errors of
-        the ``budget`` it considers, but does not learn (Schmidt 1966); its covariance contains
-        them.  False gives the bare pairs: the velocity with which the scans fit best if it is
-        constant, and the inverse Hessian, as `estimate_ego_motion`; neither ``budget`` nor
-        ``smooth`` go with it.
+        Whether a Kalman filter of velocity and acceleration takes each estimate to the time of its
+        round, which positions, of a mean velocity over an interval, lag behind, and averages their
+        noise; the default.  The errors of the ``budget`` it considers, but does not learn (Schmidt
+        1966).  False gives the bare pairs: the velocity with which the scans fit best if it is
+        constant, and the inverse Hessian, as `estimate_ego_motion`, without ``budget``, ``gyro`` or
+        ``smooth``.
     initial : (3,) array, optional
         Start [v_x, v_y, omega] of the first estimate.
-    max_interval : float, s
-        Longest usual time between two scans of a sensor.  Times in milli- or microseconds exceed
-        it.
     budget : ErrorBudget, optional
-        Errors that the targets of a sensor share; each sensor has its own, of the same standard
-        deviations.  None states none.
+        Errors that the targets of a sensor share, of the same standard deviations for each.
     gyro : Gyro, optional
         The yaw rates of a gyro, and how sure they are.
-    smooth : bool
-        Whether the velocities rest on all estimates, also the later ones, instead of those before.
     limits : VehicleLimits, optional
-        What the vehicle can do; None accepts any motion.
-    progress : bool, optional
-        Whether a bar on the standard error counts the estimates, for which tqdm must be installed.
-        By default, one appears after two seconds if that is a terminal; not in a notebook.
+        What the vehicle can do, by default a car; None accepts any motion.
     **options
         As for `estimate_ego_motion`.
 
@@ -131,20 +129,20 @@ def track(
     6.2
     """
     drives = named_sensors(sensors, max_interval)
-    estimator = _estimator(len(drives), carry, initial, budget, gyro, limits, options)
+    estimator = _estimator(len(drives), options)
     if check_flag("smooth", smooth):
-        if not carry:
+        if estimator.budget is None:
             raise ValueError("smooth must be False without carry, which it improves")
         estimator.records = []
     drives = usable(drives)
     check_clocks({name: scans for name, (scans, _) in drives.items()})
-    groups = rounds_of(list(drives.values()), baseline, horizon)
+    groups = rounds_of([*drives.values()], options.get("baseline"), options.get("horizon"))
     if not groups:
         raise ValueError(
             "sensors must have at least two rounds of scans (of one sensor: two scans), but have "
             f"{int(any(scans for scans, _ in drives.values()))}"
         )
-    driven = track_of([estimator.step(groups[i]) for i in _counted(len(groups), progress)])
+    driven = track_of([estimator.step(each) for each in _counted(groups, progress)])
     return _smoothed(driven, estimator.records) if estimator.records else driven
 
 
@@ -152,8 +150,8 @@ class Tracker:
     """The motion of a vehicle scan by scan, as its sensors measure.  One is for one thread.
 
     It compiles what it needs when it is made, for up to a minute the first time on a machine and
-    for half a second later.  It keeps the scans that later ones will be registered with, and the
-    estimates; a service that runs for days takes them from `add` and says how many to ``keep``.
+    for half a second later.  It keeps the estimates; a service that runs for days takes them from
+    `add` and says how many to ``keep``.
 
     Raises a ``ValueError`` if an argument is invalid.  Warns of the scans that it leaves out, as
     `track` does; ``logging.captureWarnings(True)`` sends warnings to the logger "py.warnings".
@@ -164,8 +162,9 @@ class Tracker:
         The sensors of the vehicle by name.
     keep : int, optional
         How many of the latest estimates ``track`` holds; by default all, about 2 kB each.
-    horizon, baseline, carry, initial, budget, gyro, limits, **options
-        As for `track`, which gives the same numbers bit for bit for the same scans in time order.
+    **options
+        As for `track`, from ``horizon`` on, which gives the same numbers bit for bit for the same
+        scans in time order.
 
     Examples
     --------
@@ -184,24 +183,26 @@ class Tracker:
         self,
         mountings: Mapping[str, Mounting],
         *,
-        horizon: float | None = None,
-        baseline: int | None = None,
-        carry: bool = True,
-        initial: ArrayLike | None = None,
-        budget: ErrorBudget | None = None,
-        gyro: Gyro | None = None,
-        limits: VehicleLimits | None = DEFAULT_LIMITS,
         keep: int | None = None,
-        **options: Unpack[EstimationOptions],
+        **options: Unpack[TrackOptions],
     ) -> None:
-        self._places = check_mountings(mountings)
-        places = {name: place.flat for name, place in self._places.items()}
+        given: object = mountings
+        if not isinstance(given, Mapping) or not given:
+            raise ValueError(
+                "mountings must be a mapping of the sensors' names to their mountings, but is "
+                f"{mountings!r}"
+            )
+        for name, mounting in mountings.items():
+            check_instance(f"mountings[{name!r}]", mounting, Mounting)
         if keep is not None:
             check_count("keep", keep)
-        self._estimator = _estimator(len(places), carry, initial, budget, gyro, limits, options)
-        self._numbers = {name: number for number, name in enumerate(places)}
-        self._gate = ScanGate([repr(name) for name in places])
-        self._rounds = Rounds(list(places.values()), baseline, horizon)
+        self._mountings = [*mountings.values()]
+        self._numbers = {name: number for number, name in enumerate(mountings)}
+        self._gate = ScanGate([repr(name) for name in mountings])
+        separation = options.get("baseline"), options.get("horizon")
+        flat = [mounting.flat for mounting in self._mountings]
+        self._rounds = Rounds(flat, *separation, self._gate.leave_out_late)
+        self._estimator = _estimator(len(flat), options)
         self._estimates: deque[VelocityEstimate] = deque(maxlen=keep)
         compile_for(self._estimator)
 
@@ -215,22 +216,18 @@ class Tracker:
         Raises a ``ValueError`` if the sensor is unknown, ``scan`` is not a `RadarScan`, or not
         later than the sensor's scan before.
         """
-        if sensor not in self._numbers:
+        number = self._numbers.get(sensor)
+        if number is None:
             known = ", ".join(map(repr, self._numbers))
             raise ValueError(f"sensor must be one of {known}, but is {sensor!r}")
         check_instance("scan", scan, RadarScan)
-        scan, _ = level(scan, self._places[sensor])
-        number, names = self._numbers[sensor], [*self._numbers]
-        together = {repr(names[other]): [own] for other, own in self._rounds.open.items()}
-        check_distinct({repr(sensor): [scan], **together})
-        scans: list[list[RadarScan]] = [[] for _ in names]
-        for used, each in self._gate.push(number, scan):
-            scans[used].append(each)
-        rounds = self._rounds.step_back() if self._gate.stepped_back else []
-        rounds += self._rounds.take(scans)
-        while self._rounds.late:
-            self._gate.leave_out_late(*self._rounds.late.pop(0))
-        return self._estimated(rounds)
+        scan, _ = level(scan, self._mountings[number])
+        names = [*map(repr, self._numbers)]
+        together = {names[other]: [own] for other, own in self._rounds.open.items()}
+        check_distinct({names[number]: [scan], **together})
+        used = self._gate.push(number, scan)
+        ended = self._rounds.step_back() if self._gate.stepped_back else []
+        return self._estimated(ended + self._rounds.take(used))
 
     def add_gyro(self, times: ArrayLike, yaw_rates: ArrayLike) -> None:
         """Take the next yaw rates (n,) in rad/s of the gyro, at their times (n,) in s.
@@ -253,36 +250,39 @@ class Tracker:
         return track_of(self._estimates)
 
     def _estimated(self, rounds: Iterable[Round]) -> list[VelocityEstimate]:
-        estimates = [self._estimator.step(each) for each in rounds]
+        estimates = []
+        for each in rounds:
+            try:
+                estimates.append(self._estimator.step(each))
+            except Exception:  # our mistake; the track goes on all the same
+                self._estimates += [*estimates, self._estimator.failed(each, "an error")]
+                raise
         self._estimates += estimates
         return estimates
 
 
-def _estimator(
-    sensors: int,
-    carry: bool,
-    initial: ArrayLike | None,
-    budget: ErrorBudget | None,
-    gyro: Gyro | None,
-    limits: VehicleLimits | None,
-    options: EstimationOptions,
-) -> OdometryEstimator:
-    """An estimator for this number of sensors, from arguments that are checked here."""
-    if budget is not None:
-        check_instance("budget", budget, ErrorBudget)
-    if not check_flag("carry", carry) and budget is not None:
-        raise ValueError("budget must be None without carry: bare pairs have the inverse Hessian")
-    if gyro is not None:
-        check_instance("gyro", gyro, Gyro)
-        if not carry:
-            raise ValueError("gyro must be None without carry, which it improves")
-    model, scales = split_options(options)
-    velocity = None if initial is None else check_finite("initial", initial, "(3,)")
-    if limits is not None:
-        limits = limits.for_doppler(model.doppler)
-    stated = budget or ErrorBudget() if carry else None
-    rates = None if gyro is None else GyroRates(gyro)
-    return OdometryEstimator(model, scales, velocity, stated, limits, sensors, rates=rates)
+def _estimator(sensors: int, options: TrackOptions) -> OdometryEstimator:
+    """An estimator for this number of sensors, from options that are checked here."""
+    left = options.copy()
+    left.pop("horizon", None), left.pop("baseline", None)  # of the rounds
+    carry, initial = check_flag("carry", left.pop("carry", True)), left.pop("initial", None)
+    budget, gyro = left.pop("budget", None), left.pop("gyro", None)
+    limits = left.pop("limits", DEFAULT_LIMITS)
+    for name, value, kind in (("budget", budget, ErrorBudget), ("gyro", gyro, Gyro)):
+        if value is not None:
+            check_instance(name, value, kind)
+            if not carry:
+                raise ValueError(f"{name} must be None without carry: bare pairs are not filtered")
+    model, scales = split_options(left)
+    return OdometryEstimator(
+        model,
+        scales,
+        None if initial is None else check_finite("initial", initial, "(3,)"),
+        (budget or ErrorBudget()) if carry else None,
+        None if limits is None else limits.for_doppler(model.doppler),
+        sensors,
+        rates=None if gyro is None else GyroRates(gyro),
+    )
 
 
 def track_of(estimates: Collection[VelocityEstimate]) -> Track:
@@ -292,8 +292,7 @@ def track_of(estimates: Collection[VelocityEstimate]) -> Track:
         zip(*estimates, strict=True) if estimates else [()] * len(VelocityEstimate._fields)
     )
     known = np.array(reasons, dtype=np.str_)
-    shape = next((each.shape for each in errors if each is not None), None)
-    unknown = None if shape is None else np.full(shape, np.nan)
+    unknown = next((np.full_like(each, np.nan) for each in errors if each is not None), None)
     return Track(
         np.array(times),
         np.array(intervals),
@@ -303,7 +302,7 @@ def track_of(estimates: Collection[VelocityEstimate]) -> Track:
         known,
         np.array(targets, dtype=np.int64),
         np.array(inliers),
-        None if shape is None else np.array([unknown if e is None else e for e in errors]),
+        None if unknown is None else np.array([unknown if e is None else e for e in errors]),
     )
 
 
@@ -324,44 +323,25 @@ def compile_for(estimator: OdometryEstimator) -> None:
     """Run what an estimator will run on a few made-up scans, so that all of it is compiled."""
     angles = np.linspace(-0.6, 0.6, 12)
     distances, along = 20.0 + 3.0 * np.cos(9.0 * angles), np.cos(angles)
-    first, second = (
+    scans = [
         RadarScan(time, distances - time * along, angles, -along, 0.1, 0.01, 0.1)
-        for time in (0.0, 0.1)
-    )
+        for time in (0.0, 0.1, 0.2)
+    ]
     budget = None if estimator.budget is None else ErrorBudget(neighbours=1.0)
     for mountings in ([Mounting(1.0)], [Mounting(1.0), Mounting(-1.0, 0.5, 3.0)]):
-        numbers = range(len(mountings))
-        tried = replace(
-            estimator,
-            budget=budget,
-            limits=None,
-            velocity=None,
-            sensors=len(mountings),
-            rates=None,
-        )
-        pairs = [ScanPair(first, second, mounting) for mounting in mountings]
-        for time in (0.1, 0.2):
-            tried.step(Round(time, 0.1, dict.fromkeys(numbers, second), pairs, ""))
+        count, model, scales = len(mountings), estimator.model, estimator.scales
+        tried = OdometryEstimator(model, scales, None, budget, None, count)
+        for each in rounds_of([(scans, mounting) for mounting in mountings]):
+            tried.step(each)
 
 
-def _counted(count: int, progress: bool | None) -> Iterable[int]:
-    """The numbers 0 to count - 1, with a progress bar on the standard error.
-
-    True shows it at once, False never, and None after two seconds if that is a terminal and tqdm
-    is installed.
-    """
-    steps = range(count)
-    stream: TextIO | None = sys.stderr  # a program without a console has none
-    watched = stream is not None and stream.isatty()
+def _counted(rounds: list[Round], progress: bool | None) -> Iterable[Round]:
+    """The rounds, with the progress bar that `track` describes."""
+    # a program without a console has no standard error
+    watched = sys.stderr is not None and sys.stderr.isatty() and find_spec("tqdm")
     if progress is False or (progress is None and not watched):
-        return steps
-    try:
-        from tqdm import tqdm
-    except ModuleNotFoundError:
-        if progress is None:
-            return steps
-        raise ModuleNotFoundError(
-            "progress=True needs tqdm, which is not installed: pip install tqdm"
-        ) from None
-    bar: Iterable[int] = tqdm(steps, unit="estimate", delay=0.0 if progress else _BAR_DELAY)
+        return rounds
+    from tqdm import tqdm
+
+    bar: Iterable[Round] = tqdm(rounds, unit="estimate", delay=0.0 if progress else _BAR_DELAY)
     return bar

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from d2d import CorruptedGaussian, UniformOutlier, dense, rigid
+from d2d import CorruptedGaussian, RegistrationCost, UniformOutlier, dense, rigid
 from d2d.radar import Mounting, RadarScan, estimate_ego_motion, estimate_extent
 from d2d.radar.evaluation.extent import CANDIDATES, widened
 from d2d.radar.motion.model import EgoMotionModel
-from d2d.radar.motion.pairs import scan_pair
+from d2d.radar.motion.pairs import ScanPair, problem_of
 from tests.radar.scenes import arc, observe
 
 THETA, STILL = np.array([6.0, 0.2, 0.1]), np.zeros(3)
@@ -53,16 +53,18 @@ def test_slopes_are_derivatives_of_the_cost_as_its_formulas_read():
 
     def log_densities(square: float, model: EgoMotionModel) -> np.ndarray:
         wider = np.sqrt(square)
-        pair = scan_pair(previous.with_extent(wider), current.with_extent(wider), MOUNTING, model)
+        both = previous.with_extent(wider), current.with_extent(wider)
+        (pair,) = problem_of([ScanPair(*both, MOUNTING)], model).pairs
         sets = pair.fixed, pair.moving
         fixed, moving = (type(s)(s.means[None], s.covariances[None], s.weights[None]) for s in sets)
         factor = dense.factor_of(pair.measurement, motion) if model.doppler else None
-        parts = dense.components(motion, fixed, moving, model.cost, factor)
-        return dense.target_log_densities(parts, model.cost)[0]
+        cost = RegistrationCost(outlier=model.outlier)
+        parts = dense.components(motion, fixed, moving, cost, factor)
+        return dense.target_log_densities(parts, cost)[0]
 
     for extent, doppler, outlier in product((0.1, 0.5), (True, False), OUTLIERS):
         model = EgoMotionModel(doppler=doppler, outlier=outlier, doppler_width=1.0)
-        problem = model.problem([scan_pair(previous, current, MOUNTING, model)])
+        problem = problem_of([ScanPair(previous, current, MOUNTING)], model)
         step = 1e-3 * extent**2
         later, earlier = (log_densities(extent**2 + d, model) for d in (step, -step))
         wider = widened(problem, extent)

@@ -29,7 +29,7 @@ from d2d.radar import (
     estimate_ego_motion,
     propagate_ego_motion,
 )
-from d2d.radar.motion.covariance import apply_budget, influences, noise_covariance
+from d2d.radar.motion.covariance import add_noise, apply_budget, influences
 from d2d.radar.motion.estimate import estimate_velocity
 from d2d.radar.motion.model import DEFAULT_OUTLIER
 from d2d.radar.motion.pairs import ScanPair, problem_of
@@ -300,7 +300,8 @@ def test_more_scatter_of_the_positions_is_none_of_the_azimuth():
     The extent of an object makes those larger.
     """
     pairs = pairs_of(several(np.random.default_rng(4)))
-    found = influences(problem_of(pairs, EgoMotionModel()), estimated(pairs), pairs)
+    both = influences(problem_of(pairs, EgoMotionModel()), estimated(pairs), pairs)
+    found = [each for of_pair in both for each in of_pair]
     extended = [
         each._replace(
             points=PointSet(each.points.means, each.points.covariances + 0.09 * np.eye(2))
@@ -308,7 +309,11 @@ def test_more_scatter_of_the_positions_is_none_of_the_azimuth():
         for each in found
     ]
     more = sum(np.einsum("kid,kjd->ij", each.position, each.position) for each in found)
-    assert_allclose(noise_covariance(extended), noise_covariance(found) + 0.09 * more, rtol=1e-9)
+    noise = np.zeros((2, 3, 3))
+    for total, scans in zip(noise, (found, extended), strict=True):
+        for each in scans:
+            add_noise(each, True, total)
+    assert_allclose(noise[1], noise[0] + 0.09 * more, rtol=1e-9)
     for each in found:
         assert_array_equal(each.points.covariances, each.scan.point_set(each.mounting).covariances)
 
@@ -411,8 +416,11 @@ def test_neighbours_share_what_their_distance_says():
     found = []
     for length, pairs in ((2.0, two_pairs()), (200.0, two_pairs(3, 10))):
         expected = np.zeros((3, 3))
-        for each in influences(problem_of(pairs, EgoMotionModel()), estimated(pairs), pairs):
-            rooted = each.position @ np.array([sqrtm(own) for own in each.points.covariances])
+        estimate = estimated(pairs)
+        both = influences(problem_of(pairs, EgoMotionModel()), estimate, pairs)
+        for each in [each for of_pair in both for each in of_pair]:
+            position = estimate.covariance @ each.position
+            rooted = position @ np.array([sqrtm(own) for own in each.points.covariances])
             apart = np.linalg.norm(each.points.means[:, None] - each.points.means, axis=-1)
             alike = np.where(apart < 5.0 * length, np.exp(-apart / length), 0.0)
             np.fill_diagonal(alike, 0.0)

@@ -79,7 +79,7 @@ def test_where_all_clocks_step_back_a_new_segment_begins(given, seconds):
 
 def test_a_track_of_two_segments_has_no_velocity_at_a_time(tmp_path):
     """Breaks if one of two estimates of the same time is taken, or a file holds times that go
-    back; the npz file and the table keep them."""
+    back; the npz file keeps them."""
     scans, at = next(iter(one().values()))
     with pytest.warns(ScanWarning):
         found = track((shifted(scans, 15, -10.0), at))
@@ -92,8 +92,6 @@ def test_a_track_of_two_segments_has_no_velocity_at_a_time(tmp_path):
             call()
     found.save(tmp_path / "drive.npz")
     assert_same(Track.load(tmp_path / "drive.npz"), found)
-    found.write_velocities(tmp_path / "drive.csv")
-    assert_array_equal(Track.read_velocities(tmp_path / "drive.csv").intervals, found.intervals)
 
 
 def test_a_clock_that_steps_back_alone_is_refused_in_a_log():

@@ -79,3 +79,23 @@ def test_what_no_bound_foresees_fails_that_estimate_alone(monkeypatch):
 
 def raising(*_arguments):
     raise np.linalg.LinAlgError("SVD did not converge")
+
+
+def test_a_mistake_within_a_round_is_not_taken_for_a_bad_scan(monkeypatch):
+    """Breaks if a wrong shape in our own code passes for a scan that cannot be used, or if the
+    tracker does not go on after it."""
+
+    def mistaken(*_arguments):
+        raise ValueError("shapes do not match")
+
+    scans, at = named_sensors(6)["left"]
+    tracker = Tracker({"left": at})
+    for i, scan in enumerate(scans):
+        with monkeypatch.context() as patch:
+            if i == 3:
+                patch.setattr("d2d.radar.tracks.estimator.apply_budget", mistaken)
+                with pytest.raises(ValueError, match=r"^shapes do not match"):
+                    tracker.add("left", scan)
+            else:
+                tracker.add("left", scan)
+    assert tracker.track.converged.tolist() == [True, True, False, True, True]
