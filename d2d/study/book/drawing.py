@@ -1,15 +1,16 @@
-"""Drawings that several chapters share: ellipses, errors over time, intervals."""
+"""Drawings that several chapters share: ellipses, errors over time, intervals, scans."""
 
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import PolyCollection
+from matplotlib.collections import LineCollection, PolyCollection
 from numpy.typing import ArrayLike
 
 from d2d._types import Array
 from d2d.point_set import PointSet
-from d2d.study.book.grammar import BLACK, FIXED, SKY
+from d2d.radar import Mounting, RadarScan
+from d2d.study.book.grammar import BLACK, FIXED, MOVING, OCHRE, SKY, set_marks
 
 
 def ellipses(ax: Axes, points: PointSet, sigmas: float = 3.0, **style: Any) -> None:
@@ -43,3 +44,22 @@ def label(ax: Axes, where: Any, text: str, color: str, shift: tuple[float, float
     """Write a name beside what it names, in its colour, shifted by points."""
     style: dict[str, Any] = {"textcoords": "offset points", "fontsize": 9.5, "clip_on": False}
     ax.annotate(text, where, shift, color=color, **style)
+
+
+def radar_scan(ax: Axes, scan: RadarScan, mounting: Mounting, *, seconds: float = 2.0) -> None:
+    """A scan in the vehicle frame.
+
+    Targets are drawn with their 3-sigma ellipses; a dashed line along the line of sight shows how
+    far the Doppler velocity moves each target in that many ``seconds``.
+    """
+    targets = PointSet.from_polar(scan.range, scan.azimuth, scan.sigma_range, scan.sigma_azimuth)
+    placed = targets.transformed(mounting.pose)
+    sight = placed.means - mounting.pose[:2]
+    ends = placed.means + sight / np.linalg.norm(sight, axis=-1, keepdims=True) * (
+        seconds * scan.doppler[:, None]
+    )
+    lines = np.stack([placed.means, ends], axis=1)
+    ax.add_collection(LineCollection(list(lines), colors=OCHRE, linestyles="--", linewidths=0.8))
+    ax.plot(*placed.means.T, **set_marks("moving") | {"ms": 4, "label": None})
+    ellipses(ax, placed, edgecolor=MOVING, linewidth=0.7)
+    ax.plot(mounting.x, mounting.y, "D", color=BLACK, mfc="none")
