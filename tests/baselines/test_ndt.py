@@ -128,3 +128,9 @@ def test_bad_input_names_the_argument():
     ):
         with pytest.raises(ValueError, match=name):
             call()
+
+
+def test_points_on_a_line_get_the_floor_of_biber_and_strasser():
+    points = np.stack([np.linspace(0.1, 0.9, 9), np.full(9, 0.5)], axis=-1)
+    values = np.linalg.eigvalsh(grid_cells(points).covariances)[0]
+    assert values[0] == pytest.approx(1e-3 * values[1])

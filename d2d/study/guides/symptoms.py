@@ -1,6 +1,7 @@
 """Tracks of a log or a mounting that is wrong in one of the usual ways."""
 
 import re
+import string
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -9,18 +10,20 @@ from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
+from d2d._types import Array
 from d2d.radar import (
     Mounting,
     RadarScan,
     Reference,
     Track,
     diagnose,
+    doppler_velocity,
     over_ground_undone,
     track,
 )
-from d2d.study.book.grammar import BLACK, PINK, TRUTH, cost_line
-from d2d.study.book.style import label_planar_axes
+from d2d.study.book.grammar import BLACK, COSTS, MOVING, PINK, TRUTH
 from d2d.study.book.table import Table, table
 from d2d.study.guides.rows import NAN, Row, row
 from d2d.study.guides.stated_sigmas import front_drive, scaled
@@ -75,20 +78,27 @@ FAULTS: dict[str, Fault] = {
 @cache
 def symptoms() -> list[Symptom]:
     """Track a lap of the car with one fault of `FAULTS` after the other."""
+    return [_tried(name) for name in FAULTS]
+
+
+@cache
+def _lap(name: str) -> tuple[Scans, Mounting, Track]:
+    """The log of a lap with a fault, and its track."""
     drive = front_drive()
-    return [_tried(name, drive.scans, drive.mounting, drive.truth) for name in FAULTS]
-
-
-def _tried(name: str, scans: Scans, mounting: Mounting, truth: Reference) -> Symptom:
+    scans, mounting = FAULTS[name](drive.scans, drive.mounting, drive.truth)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)
-        try:
-            log = FAULTS[name](scans, mounting, truth)
-            driven = track(log)
-        except ValueError as error:
-            nothing = Row(name, NAN, NAN, NAN, NAN, NAN, "")
-            return Symptom(nothing, NAN, NAN, f"ValueError: {error}")
-    message = "; ".join(map(str, diagnose(log, driven)))
+        warnings.simplefilter("ignore", UserWarning)  # tables and pictures show what they say
+        return scans, mounting, track((scans, mounting))
+
+
+def _tried(name: str) -> Symptom:
+    truth = front_drive().truth
+    try:
+        scans, mounting, driven = _lap(name)
+    except ValueError as error:
+        nothing = Row(name, NAN, NAN, NAN, NAN, NAN, "")
+        return Symptom(nothing, NAN, NAN, f"ValueError: {error}")
+    message = "; ".join(map(str, diagnose((scans, mounting), driven)))
     forward, turning = (_slope(driven, truth, component) for component in (0, 2))
     return Symptom(row(name, driven, truth), forward, turning, message)
 
@@ -114,18 +124,45 @@ def symptom_table(symptoms: Sequence[Symptom], caption: str = "") -> Table:
     return table(rows, ["what is wrong", *columns, "ANEES", "most failures"], caption)
 
 
-def draw_wrong_paths(axes: Sequence[Axes], faults: Mapping[str, str]) -> None:
-    """The path of a lap with each fault beside the true one; values are what it looks like."""
-    drive = front_drive()
-    truth = drive.truth
-    for ax, (fault, words) in zip(axes, faults.items(), strict=True):
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # the picture shows what they say
-            driven = track(FAULTS[fault](drive.scans, drive.mounting, truth))
-        ax.plot(*truth.poses[:, :2].T, **TRUTH)
-        poses = driven.poses(truth.poses[0])
-        ax.plot(*poses[:, :2].T, **cost_line("robust"))
-        failed = ~driven.converged
-        ax.plot(*poses[1:][failed, :2].T, "x", color=PINK, ms=2)
-        ax.plot(*truth.poses[0, :2], "o", color=BLACK, ms=4)
-        label_planar_axes(ax, words)
+def draw_atlas(figure: Figure, cards: Mapping[str, tuple[str, str]]) -> None:
+    """Draw a card for each fault: the path, the Doppler velocities of one scan, and the cure.
+
+    The values of ``cards`` are what the path looks like and what undoes the fault.
+    """
+    truth = front_drive().truth
+    swift = np.where(truth.theta[:, 0] > _NYQUIST, np.abs(truth.theta[:, 2]), 0.0)
+    bend = int(np.argmax(swift))  # where the car turns, and is fast enough to fold
+    places = figure.subfigures(len(cards) // 2, 2, squeeze=False, hspace=0.04).ravel()
+    for place, letter, (fault, (looks, cure)) in zip(
+        places, string.ascii_lowercase, cards.items(), strict=False
+    ):
+        scans, mounting, driven = _lap(fault)
+        path, fan = place.subplots(1, 2, width_ratios=(1.0, 1.1))
+        _draw_path(path, driven, truth)
+        _draw_fan(fan, scans[bend], truth.theta[bend], mounting)
+        share = f"{100 * driven.converged.mean():.0f} % accepted"
+        place.suptitle(f"({letter}) {looks}", x=0.02, ha="left", fontsize=9, weight="bold")
+        place.supxlabel(f"{fault}, {share}\n{cure}", x=0.02, ha="left", fontsize=8.5)
+
+
+def _draw_path(ax: Axes, driven: Track, truth: Reference) -> None:
+    """The path with an arrow of its direction and crosses where it is guessed; the true one."""
+    poses = driven.poses(truth.poses[0])
+    ax.plot(*truth.poses[:, :2].T, **TRUTH)
+    ax.plot(*poses[:, :2].T, color=COSTS["robust"].color)
+    ax.plot(*poses[1:][~driven.converged, :2].T, "x", color=PINK, ms=2)
+    ax.plot(*truth.poses[0, :2], "o", color=BLACK, ms=4)
+    tail, head = poses[len(poses) // 12 + np.array([0, 6]), :2]
+    ax.annotate("", head, tail, arrowprops={"arrowstyle": "-|>", "mutation_scale": 12, "fc": BLACK})
+    ax.set(xlim=(-80, 80), ylim=(-80, 85), aspect="equal")  # m
+    ax.set_axis_off()
+
+
+def _draw_fan(ax: Axes, scan: RadarScan, theta: Array, mounting: Mounting) -> None:
+    """The Doppler velocities of a scan, and those of targets at rest as the mounting has them."""
+    azimuth = np.deg2rad(np.linspace(-60.0, 60.0, 121))
+    ax.plot(np.rad2deg(azimuth), doppler_velocity(theta, azimuth, mounting), **TRUTH)
+    ax.plot(np.rad2deg(scan.azimuth), scan.doppler, ".", color=MOVING, ms=4)
+    ax.set(xlim=(-62, 62), ylim=(-13, 13), xticks=[-45, 0, 45], yticks=[-10, 0, 10])
+    ax.xaxis.set_major_formatter("{x:.0f}°")
+    ax.tick_params(labelsize=7, pad=1)

@@ -156,3 +156,13 @@ def test_the_likelihood_never_falls(equal_weights):
         assert np.linalg.eigvalsh(fit.mixture.covariances).min() > 0
         if equal_weights:
             assert_array_equal(fit.mixture.weights, np.full(components, 1.0 / components))
+
+
+def test_em_recovers_unequal_weights_that_equal_ones_cannot():
+    truth = GaussianMixture(np.array([0.15, 0.85]), MIXTURE.means, np.tile(np.eye(2), (2, 1, 1)))
+    rng = np.random.default_rng(12)
+    x, fresh = truth.sample(2000, rng)[0], truth.sample(20000, rng)[0]
+    free = fit_mixture(x, 2, rng).mixture
+    equal = fit_mixture(x, 2, rng, equal_weights=True).mixture
+    assert np.sort(free.weights) == pytest.approx([0.15, 0.85], abs=0.03)
+    assert free.log_likelihood(fresh) > equal.log_likelihood(fresh) + 100
