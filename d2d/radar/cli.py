@@ -1,6 +1,7 @@
 """The command line `python -m d2d.radar`: tracks from logs and data sets, written to files."""
 
 import argparse
+import inspect
 import io
 import itertools
 import math
@@ -10,7 +11,7 @@ import sys
 import tempfile
 import threading
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import fields, replace
 from pathlib import Path
@@ -24,12 +25,12 @@ from d2d.radar.evaluation.calibrate import calibrate
 from d2d.radar.evaluation.compare import check_reference, compare
 from d2d.radar.evaluation.diagnose import Finding, agreement, diagnose
 from d2d.radar.files import write_together
-from d2d.radar.live import estimates_of
+from d2d.radar.live import LINES, estimates_of
 from d2d.radar.readers import READERS
 from d2d.radar.readers.bag import write_bag
-from d2d.radar.readers.csv_log import write_csv
+from d2d.radar.readers.csv_log import load_csv, write_csv
 from d2d.radar.readers.odometry import load_gyro, load_reference
-from d2d.radar.readers.reader import Option, Source, mountings_of, options_of
+from d2d.radar.readers.reader import Options, Source, mountings_of, option_table, options_of
 from d2d.radar.readers.shared import brief
 from d2d.radar.report import report_page
 from d2d.radar.scans.budget import ErrorBudget
@@ -46,24 +47,6 @@ PROGRAM = "python -m d2d.radar"
 
 _DEGREES = Bounds(least=0.0, most=360.0, unit="in degrees, ")
 
-# Of the error budget: the unit, and what each is the standard deviation of.
-BUDGET = {
-    "azimuth": ("DEG", "of each sensor's azimuth and mounting"),
-    "doppler": ("M/S", "of all Doppler velocities of a scan"),
-    "scale": ("SHARE", "relative, of all Doppler velocities"),
-    "lag": ("S", "of the scans' time stamps (a common delay)"),
-    "neighbours": (
-        "M",
-        "length over which the position errors of neighbouring targets are correlated",
-    ),
-}
-
-
-GATES = {
-    "range": ("M", "targets between these ranges"),
-    "azimuth": ("DEG", "targets between these azimuths in the sensor's frame"),
-    "elevation": ("DEG", "targets between these elevations in the sensor's frame"),
-}
 # Limits of vehicles that are not a car's.
 VEHICLES: dict[str, dict[str, float]] = {
     "car": {},
@@ -74,19 +57,73 @@ VEHICLES: dict[str, dict[str, float]] = {
     },
     "train": {"speed": 150.0, "yaw_rate": 0.3, "acceleration": 4.0, "yaw_acceleration": 0.3},
 }
-# Of the fields of `VehicleLimits`, in their order; an estimate beyond one is not accepted.
-LIMITS = {
-    "max-speed": ("M/S", "of the vehicle's origin; this and the following may be inf"),
-    "max-yaw-rate": ("DEG/S", "of the vehicle"),
-    "max-acceleration": ("M/S^2", "along and across"),
-    "max-yaw-acceleration": ("DEG/S^2", "of the vehicle"),
-    "max-yaw-rate-sigma": ("DEG/S", "of an estimate's own standard deviation"),
-    "max-speed-sigma": ("M/S", "of an estimate's own standard deviation"),
-    "max-yaw-rate-of-slip": ("DEG/S", "by which the yaw rate may change if v_y is taken as zero"),
-}
-LIVE_OPTIONS = [
-    option for option in READERS["csv"].options if option.name in ("mounting", *SIGMAS, "degrees")
-]
+
+# ---- The options, as `option_table` reads them
+
+GATES = option_table("""
+--range M M          targets between these ranges
+--azimuth DEG DEG    targets between these azimuths in the sensor's frame
+--elevation DEG DEG  targets between these elevations in the sensor's frame
+""")
+ESTIMATION = option_table(f"""
+--horizon S    register each scan with the one nearest to S seconds before (default: {HORIZON:g})
+--baseline N   register each scan with the Nth before, instead of --horizon
+--side-slip M/S  standard deviation of the sideways velocity of the vehicle's origin about zero; 0
+               if it never moves sideways, as the middle of a rear axle that does not slip (default:
+               unknown). It helps a single radar most: the yaw rate becomes more accurate
+--vehicle {"|".join(VEHICLES)}=car  what the vehicle can do, for the limits below (default: car); an
+               omni moves sideways, too
+""")
+# In the order of the fields of `VehicleLimits`; an estimate beyond one is not accepted.
+LIMITS = option_table("""
+--max-speed M/S                 of the vehicle's origin; this and the following may be inf
+--max-yaw-rate DEG/S            of the vehicle
+--max-acceleration M/S^2        along and across
+--max-yaw-acceleration DEG/S^2  of the vehicle
+--max-yaw-rate-sigma DEG/S      of an estimate's own standard deviation
+--max-speed-sigma M/S           of an estimate's own standard deviation
+--max-yaw-rate-of-slip DEG/S    by which the yaw rate may change if v_y is taken as zero
+""")
+GYRO = option_table(f"""
+--gyro-sigma DEG/S  of a single yaw rate's noise (default: {math.degrees(Gyro().sigma):g})
+--gyro-bias DEG/S   of the gyro's bias, which is learnt (default: {math.degrees(Gyro().bias):g})
+""")
+OF_LOGS = option_table(f"""
+--gyro FILE         yaw rates of a gyro by the radars' clock: a CSV file with time (s) and yaw_rate
+                    (rad/s, counter-clockwise) or yaw_rate_deg, or a bag with Imu
+--gyro-topic TOPIC  of a gyro in a bag (default: its only one)
+--extent M          how far reflections wander on objects from scan to scan, as a standard deviation
+                    (default: the data set's own, or 0 for a log)
+--max-interval S={MAX_INTERVAL:g}  longest usual time between two scans (default: {MAX_INTERVAL:g})
+""")
+OUTPUT = option_table("""
+--output PREFIX=track  beginning of the files' names (default: track); if it is a folder or ends
+                       with /, the files are called track.* in it
+--report PAGE.html     also write a page with path, velocities, residuals, findings and settings
+--output-bag BAG       also write messages Odometry and TwistWithCovarianceStamped to a bag of ROS 1
+                       (a file .bag) or of ROS 2 (a folder)
+--force                write the files even if they are surely of no use, or too few estimates were
+                       accepted in a row (status 3)
+--no-picture           write no picture
+--no-progress          show no progress bar
+""")
+# Standard deviations of an `ErrorBudget`.
+BUDGET = option_table("""
+--budget-azimuth DEG   of each sensor's azimuth and mounting
+--budget-doppler M/S   of all Doppler velocities of a scan
+--budget-scale SHARE   relative, of all Doppler velocities
+--budget-lag S         of the scans' time stamps (a common delay)
+--budget-neighbours M  length over which the position errors of neighbouring targets are correlated
+""")
+NO_BUDGET = option_table("--no-budget  state none of these errors; not together with those above")
+REFERENCE = option_table("""
+--odometry FILE  a TUM trajectory (t x y z qx qy qz qw), or a CSV file with the columns time (s),
+                 speed (m/s) and yaw_rate (rad/s) or yaw_rate_deg (deg/s), or a bag with Odometry or
+                 TwistWithCovariance
+--topic TOPIC    of a reference that is a bag (default: its only one of these types)
+--max-lag S=0.5  search the lag of the clocks from -S to S (default: 0.5)
+--lag S=0        how late the radars' clock is beside the reference's, as calibrate finds it
+""")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -103,13 +140,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     _check_options(arguments)
     try:
         with _plain_warnings():
-            arguments.run(arguments)
+            return int(arguments.run(arguments) or 0)
     except BrokenPipeError:  # whoever read the output has gone; nothing is left to flush at exit
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
-    except _Refused as refusal:
-        _complain(f"nothing was written: {refusal}; --force writes the files all the same")
-        return 3
     except (ValueError, OSError, ModuleNotFoundError) as error:
         _complain(f"error: {error}")
         return 1
@@ -117,11 +151,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         rest = ", nothing was written" if arguments.command == "track" else ""
         _complain(f"interrupted{rest}")
         return 130  # as shells report it
-    return 0
-
-
-class _Refused(Exception):
-    """A path that the log does not support."""
 
 
 @contextmanager
@@ -169,132 +198,59 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
 
     def command(
-        name: str, about: str, run: Callable[[Any], None], description: str = "", epilog: str = ""
+        name: str, about: str, run: Callable[[Any], int | None], how: str = "", epilog: str = ""
     ) -> argparse.ArgumentParser:
-        added = commands.add_parser(
-            name,
-            help=about,
-            description=description or about,
-            epilog=epilog,
-            formatter_class=plain,
-            allow_abbrev=False,
-        )
+        texts: dict[str, Any] = {"help": about, "description": how or about, "epilog": epilog}
+        added = commands.add_parser(name, **texts, formatter_class=plain, allow_abbrev=False)
         added.set_defaults(run=run, error=added.error)
         return added
 
     about = "estimate a drive and write its path and velocities"
     of_track = command("track", about, _track, TRACK_HELP, TRACK_EPILOG)
-    _add_sources(of_track)
-    _add_estimation(of_track, whole=True)
-    _add_output(of_track)
-    _add_budget(of_track)
+    which = of_track.add_argument_group("what to read (one of them)")
+    source = which.add_mutually_exclusive_group(required=True)
+    for reader in READERS.values():
+        how: Any = {"metavar": reader.metavar, "help": reader.about, "action": reader.action}
+        source.add_argument(_flag(reader.name), **how)
+    # those of one heading follow each other in the table
+    for heading, readers in itertools.groupby(READERS.values(), lambda reader: reader.heading):
+        of_readers = {name: how for reader in readers for name, how in reader.options.items()}
+        _add(of_track, heading, of_readers)
+    _add(of_track, ABOUT_GATES, GATES)
+    _add(of_track, "how to estimate", ESTIMATION | LIMITS | OF_LOGS | GYRO)
+    _add(of_track, "what to write", OUTPUT)
+    _add(of_track, ABOUT_BUDGET, BUDGET | NO_BUDGET)
     about = "estimate while scans arrive: lines of JSON in, lines of JSON out"
-    live = command("live", about, _live, LIVE_HELP)
-    _add_log_options(live, LIVE_OPTIONS)
-    _add_gates(live)
-    _add_estimation(live, whole=False)
-    _add_budget(live)
+    live, log = command("live", about, _live, LINES), READERS["csv"]
+    of_lines = {name: log.options[name] for name in ("mounting", *SIGMAS, "degrees")}
+    _add(live, "options of a scan", of_lines, "mounting")
+    _add(live, ABOUT_GATES, GATES)
+    _add(live, "how to estimate", ESTIMATION | LIMITS | GYRO)
+    _add(live, ABOUT_BUDGET, BUDGET | NO_BUDGET)
     about = "find clock, speed, slip and mounting angles by an odometry"
     calibrating = command("calibrate", about, _calibrate, CALIBRATE_HELP)
-    log = READERS["csv"]
-    calibrating.add_argument("--csv", metavar="FILE", required=True, help=log.about, **log.parsing)
-    calibrating.add_argument("--odometry", metavar="FILE", required=True, help=REFERENCE_HELP)
-    calibrating.add_argument("--topic", metavar="TOPIC", help=TOPIC_HELP)
-    calibrating.add_argument("--max-lag", metavar="S", type=float, default=0.5, help=LAG_HELP)
-    _add_log_options(calibrating, log.options)
-    _add_gates(calibrating)
+    files = {"csv": {"metavar": "FILE", "help": log.about, "action": log.action}}
+    files |= {name: REFERENCE[name] for name in ("odometry", "topic", "max_lag")}
+    _add(calibrating, "what to read", files, "csv", "odometry")
+    _add(calibrating, log.heading, log.options, *log.needed)
+    _add(calibrating, ABOUT_GATES, GATES)
     comparing = command("compare", "compare a track with a reference", _compare)
     comparing.add_argument("track", metavar="TRACK", help="PREFIX.npz")
-    comparing.add_argument("reference", metavar="REFERENCE", help=REFERENCE_HELP)
-    about = "how late the radars' clock is beside the reference's, as calibrate finds it"
-    comparing.add_argument("--topic", metavar="TOPIC", help=TOPIC_HELP)
-    comparing.add_argument("--lag", metavar="S", type=float, default=0.0, help=about)
+    about = REFERENCE["odometry"]["help"]
+    comparing.add_argument("reference", metavar="REFERENCE", help=about)
+    _add(comparing, "options", {name: REFERENCE[name] for name in ("topic", "lag")})
     example = command("example", "write a log, simulated or real, as a CSV file", _write_example)
-    example.add_argument("--real", action="store_true", help=ABOUT["--real"])
+    about = "45 s of a Delphi ESR on a car (Apache License 2.0; see examples/esr)"
+    example.add_argument("--real", action="store_true", help=about)
     example.add_argument("file", metavar="FILE", help="the CSV file; an existing one is replaced")
     return parser
 
 
-def _add_option(parser: Any, option: Option, *, required: bool = False) -> None:
-    parser.add_argument(_flag(option.name), help=option.help, required=required, **option.parsing)
-
-
-def _add_log_options(parser: argparse.ArgumentParser, options: Iterable[Option]) -> None:
-    """The options of a log, for a command that reads nothing else."""
-    for option in options:
-        _add_option(parser, option, required=option.needed)
-
-
-def _add_sources(parser: argparse.ArgumentParser) -> None:
-    which = parser.add_argument_group("what to read (one of them)")
-    source = which.add_mutually_exclusive_group(required=True)
-    for reader in READERS.values():
-        source.add_argument(
-            f"--{reader.name}", metavar=reader.metavar, help=reader.about, **reader.parsing
-        )
-    # those of one heading follow each other in the table
-    for heading, readers in itertools.groupby(READERS.values(), lambda reader: reader.heading):
-        group = parser.add_argument_group(heading)
-        options = {o.name: o for reader in readers for o in reader.options}
-        for option in options.values():
-            _add_option(group, option)
-    _add_gates(parser)
-
-
-def _add_gates(parser: argparse.ArgumentParser) -> None:
-    gates = parser.add_argument_group("which targets to use (default: all)")
-    for name, (unit, what) in GATES.items():
-        ends = (f"FROM_{unit}", f"TO_{unit}")
-        gates.add_argument(f"--{name}", nargs=2, type=float, metavar=ends, help=what)
-
-
-def _add_estimation(parser: argparse.ArgumentParser, *, whole: bool) -> None:
-    """The options of an estimate, and with ``whole`` those that need a whole log."""
-    how = parser.add_argument_group("how to estimate")
-
-    def add(name: str, metavar: str, kind: type = float, default: object = None) -> None:
-        how.add_argument(name, type=kind, default=default, metavar=metavar, help=ABOUT[name])
-
-    add("--horizon", "S")
-    add("--baseline", "N", int)
-    add("--side-slip", "M/S")
-    how.add_argument("--vehicle", choices=VEHICLES, default="car", help=ABOUT["--vehicle"])
-    for name, (unit, what) in LIMITS.items():
-        how.add_argument(f"--{name}", type=float, metavar=unit, help=what)
-    if whole:
-        add("--gyro", "FILE", str)
-        add("--gyro-topic", "TOPIC", str)
-    add("--gyro-sigma", "DEG/S")
-    add("--gyro-bias", "DEG/S")
-    if whole:
-        add("--extent", "M")
-        add("--max-interval", "S", default=MAX_INTERVAL)
-
-
-def _add_output(parser: argparse.ArgumentParser) -> None:
-    what = parser.add_argument_group("what to write")
-    what.add_argument("--output", metavar="PREFIX", default="track", help=ABOUT["--output"])
-    what.add_argument("--report", metavar="PAGE.html", help=ABOUT["--report"])
-    what.add_argument("--output-bag", metavar="BAG", help=ABOUT["--output-bag"])
-    what.add_argument("--force", action="store_true", help=ABOUT["--force"])
-    what.add_argument("--no-picture", action="store_true", help="write no picture")
-    what.add_argument("--no-progress", action="store_true", help="show no progress bar")
-
-
-def _add_budget(parser: argparse.ArgumentParser) -> None:
-    shared = parser.add_argument_group(
-        "error budget",
-        "Standard deviations of errors that many targets share. They do not average out, so that\n"
-        "covariances without them are too small. The default of each is that of the data set,\n"
-        "or zero for a log.",
-    )
-    for name, (unit, what) in BUDGET.items():
-        shared.add_argument(f"--budget-{name}", type=float, metavar=unit, help=what)
-    shared.add_argument(
-        "--no-budget",
-        action="store_true",
-        help="state none of these errors; not together with the options above",
-    )
+def _add(parser: argparse.ArgumentParser, heading: str, table: Options, *needed: str) -> None:
+    """Add a group of options, of which some are needed."""
+    group = parser.add_argument_group(*heading.split(": ", 1))
+    for name, how in table.items():
+        group.add_argument(_flag(name), required=name in needed, **how)
 
 
 def _flag(name: str) -> str:
@@ -306,20 +262,17 @@ def _check_options(arguments: argparse.Namespace) -> None:
     options, error = vars(arguments), arguments.error
     if arguments.command == "track":
         chosen = next(each for name, each in READERS.items() if options[name] is not None)
-        owners: dict[str, list[str]] = {}
-        for name, each in READERS.items():
-            for option in each.options:
-                owners.setdefault(option.name, []).append(f"--{name}")
-        for given, readers in owners.items():
-            if options[given] is not None and f"--{chosen.name}" not in readers:
-                error(f"{_flag(given)} belongs to {' and '.join(readers)}")
-        for needed in chosen.options:
-            if needed.needed and options[needed.name] is None:
-                error(f"--{chosen.name} needs {_flag(needed.name)}; see {PROGRAM} track --help")
+        for name in {name: None for each in READERS.values() for name in each.options}:
+            owners = [_flag(owner) for owner, each in READERS.items() if name in each.options]
+            if options[name] is not None and _flag(chosen.name) not in owners:
+                error(f"{_flag(name)} belongs to {' and '.join(owners)}")
+        for name in chosen.needed:
+            if options[name] is None:
+                error(f"{_flag(chosen.name)} needs {_flag(name)}; see {PROGRAM} track --help")
     if options.get("no_budget"):
         for name in BUDGET:
-            if options[f"budget_{name}"] is not None:
-                error(f"--no-budget contradicts --budget-{name}: leave one of them out")
+            if options[name] is not None:
+                error(f"--no-budget contradicts {_flag(name)}: leave one of them out")
 
 
 def _source(arguments: argparse.Namespace) -> Source:
@@ -350,7 +303,7 @@ def _gates(arguments: argparse.Namespace) -> dict[str, Any]:
 
 def _options(arguments: argparse.Namespace, budget: ErrorBudget) -> dict[str, Any]:
     """The options of `track` and `Tracker` that the arguments give."""
-    given = {name: getattr(arguments, f"budget_{name}") for name in BUDGET}
+    given = {name.partition("_")[2]: getattr(arguments, name) for name in BUDGET}
     if given["azimuth"] is not None:
         given["azimuth"] = math.radians(_DEGREES.number("--budget-azimuth", given["azimuth"]))
     known = {name: value for name, value in given.items() if value is not None}
@@ -382,17 +335,17 @@ def _gyro(options: dict[str, Any]) -> Gyro | None:
 def _limits(options: dict[str, Any]) -> VehicleLimits:
     """The limits of the vehicle that the options name, with the numbers that they give."""
     known = dict(VEHICLES[options["vehicle"]])
-    for (name, (unit, _)), field in zip(LIMITS.items(), fields(VehicleLimits), strict=True):
-        given = options[name.replace("-", "_")]
-        if given is not None:
-            known[field.name] = math.radians(given) if unit.startswith("DEG") else given
+    for (name, how), field in zip(LIMITS.items(), fields(VehicleLimits), strict=True):
+        if (given := options[name]) is not None:
+            in_degrees = how["metavar"].startswith("DEG")
+            known[field.name] = math.radians(given) if in_degrees else given
     return VehicleLimits(**known)
 
 
 # ---- What the commands do
 
 
-def _track(arguments: argparse.Namespace) -> None:
+def _track(arguments: argparse.Namespace) -> int:
     sensors, budget = _source(arguments)
     prefix = _prefix(arguments.output)
     options = {**_options(arguments, budget), "max_interval": arguments.max_interval}
@@ -407,7 +360,8 @@ def _track(arguments: argparse.Namespace) -> None:
     refused = [str(driven.support)] * (not driven.support.enough)
     refused += [finding.symptom for finding in findings if finding.sure]
     if refused and not arguments.force:
-        raise _Refused(refused[0])
+        _complain(f"nothing was written: {refused[0]}; --force writes the files all the same")
+        return 3
     parts = driven.segments
     written: list[Path] = []
     # one beside the other where the clock steps back
@@ -425,6 +379,7 @@ def _track(arguments: argparse.Namespace) -> None:
         written.append(Path(arguments.output_bag))
     for path in written:
         print(f"wrote {path}")
+    return 0
 
 
 def _judge(
@@ -575,34 +530,17 @@ A first try, with a simulated log that the program writes itself:
 Help on each command: {PROGRAM} track --help
 """
 
-LIVE_HELP = f"""\
-Reads scans from the standard input, one line of JSON each, and writes the estimates that they
-complete to the standard output, one line of JSON each, at once:
-
-  {{"sensor": "front", "time": 12.05, "range": [14.2, 31.0], "azimuth": [-0.31, 0.02],
-   "doppler": [-8.92, -9.3], "sigma_range": 0.15, "sigma_azimuth": 0.009, "sigma_doppler": 0.06}}
-
-  {{"time": 12.05, "converged": true, "reason": "", "theta": [9.3, 0.01, 0.02], "pose": [x, y, yaw],
-   "covariance": [[...], [...], [...]], "targets": 2, "inliers": 0.93, "filter_input": {{...}}}}
-
-Each in one line; a scan may have "elevation" and "sigma_elevation", too.  With --gyro-sigma, a line
-{{"time": 12.05, "yaw_rate": 0.021}} is one of a gyro's, in rad/s.  Units are those of a CSV file,
-see {PROGRAM} track --help; theta is v_x, v_y, omega in m/s, m/s, rad/s, and the pose
-that of the path from the first estimate.  A line that is not right is named on the standard error.
-"""
-
 CALIBRATE_HELP = """\
 Compares the Doppler velocities of static targets with an odometry, and prints the lag of the
 radars' clock, the factor on the odometry's speed, the side slip, the angle to add to each mounting,
 and the mountings with it.  Drive bends to both sides, and change the speed.
 """
 
-REFERENCE_HELP = (
-    "a TUM trajectory (t x y z qx qy qz qw), or a CSV file with the columns time (s), speed (m/s) "
-    "and yaw_rate (rad/s) or yaw_rate_deg (deg/s), or a bag with Odometry or TwistWithCovariance"
-)
-TOPIC_HELP = "of a reference that is a bag (default: its only one of these types)"
-LAG_HELP = "search the lag of the clocks from -S to S (default: 0.5)"
+ABOUT_GATES = "which targets to use (by default all)"
+ABOUT_BUDGET = """\
+error budget: Standard deviations of errors that many targets share. They do not average out, so
+that covariances without them are too small. The default of each is that of the data set, or zero
+for a log."""
 
 TRACK_HELP = """\
 Estimates the velocity of a vehicle from one radar or several, integrates it to a path, and writes
@@ -617,58 +555,25 @@ the clock steps back, as between two runs of a logger, each part has files of it
 The first run compiles for up to a minute.
 """
 
-ABOUT = {
-    "--output": "beginning of the files' names (default: track); if it is a folder or ends with /, "
-    "the files are called track.* in it",
-    "--real": "45 s of a Delphi ESR on a car (Apache License 2.0; see examples/esr)",
-    "--report": "also write a page with path, velocities, residuals, findings and settings",
-    "--output-bag": "also write messages Odometry and TwistWithCovarianceStamped to a bag of ROS 1 "
-    "(a file .bag) or of ROS 2 (a folder)",
-    "--force": "write the files even if they are surely of no use, or too few estimates were "
-    "accepted in a row (status 3)",
-    "--horizon": "register each scan with the one nearest to S seconds before (default: "
-    f"{HORIZON:g})",
-    "--baseline": "register each scan with the Nth before, instead of --horizon",
-    "--gyro": "yaw rates of a gyro by the radars' clock: a CSV file with time (s) and yaw_rate "
-    "(rad/s, counter-clockwise) or yaw_rate_deg, or a bag with Imu",
-    "--gyro-topic": "of a gyro in a bag (default: its only one)",
-    "--gyro-sigma": f"of a single yaw rate's noise (default: {math.degrees(Gyro().sigma):g})",
-    "--gyro-bias": f"of the gyro's bias, which is learnt (default: {math.degrees(Gyro().bias):g})",
-    "--extent": "how far reflections wander on objects from scan to scan, as a standard deviation "
-    "(default: the data set's own, or 0 for a log)",
-    "--side-slip": "standard deviation of the sideways velocity of the vehicle's origin about "
-    "zero; 0 if it never moves sideways, as the middle of a rear axle that does not slip "
-    "(default: unknown). It helps a single radar most: the yaw rate becomes more accurate",
-    "--vehicle": "what the vehicle can do, for the limits below (default: car); an omni moves "
-    "sideways, too",
-    "--max-interval": f"longest usual time between two scans (default: {MAX_INTERVAL:g})",
-}
-
 DATA_SETS = "\n".join(
-    f"    {PROGRAM} track --{each.name} ROOT {_flag(each.options[0].name)} {each.trial[0]} "
-    f"{_flag(each.options[1].name)} {' '.join(map(str, each.trial[1]))}"
+    f"    {PROGRAM} track --{each.name} ROOT {_flag(each.needed[0])} {each.trial[0]} "
+    f"{_flag(each.needed[1])} {' '.join(map(str, each.trial[1]))}"
     for each in READERS.values()
     if each.trial
 )
 
+# What a log holds, as the documentation says it.
+LOG = "\n\n".join((inspect.getdoc(load_csv) or "").replace("``", "").split("\n\n")[1:4])
 TRACK_EPILOG = f"""\
-A CSV file has a line for each target and a first line that names the columns:
+A log is a table with a line for each target.  {LOG}
+
+As a CSV file:
 
   time,sensor,range,azimuth,doppler,sigma_range,sigma_azimuth,sigma_doppler
   12.05,front,14.21,-0.31,-8.92,0.15,0.009,0.06
 
-  time            s; lines with equal time and sensor are one scan (see --scan-gap)
-  sensor          a name; without this column there is one sensor, called "radar"
-  range           m
-  azimuth         rad (with --degrees: degrees), 0 along the boresight, counter-clockwise positive
-  doppler         m/s, positive if the target moves away: ahead of a moving car it is negative
-  elevation       rad, upwards; if the radar measures it
-  sigma_...       standard deviations in the same units; or --sigma-range and so on for all targets
-
-Columns may come in any order; others are ignored. Other usual names, x, y and z instead of range
-and angles, and units at the end of a name (time_ns, azimuth_deg) are recognised; --columns names
-the rest. Without standard deviations usual ones are taken; better are those of the data sheet. If
-the sensor rounds its values to steps, add the variance step^2 / 12.
+Standard deviations are best those of the data sheet; if the sensor rounds its values to steps, add
+the variance step^2 / 12.
 
 Where a sensor sits: x forward and y left of the vehicle's origin (best the middle of the rear axle)
 in m, and the direction of its boresight in degrees, counter-clockwise from straight ahead.
@@ -685,10 +590,6 @@ examples:
   a bag with mountings in /tf_static, and the result as messages:
     {PROGRAM} track --bag drive.mcap --topic /front/points /rear/points --output-bag result
 
-  two corner radars together, with errors that targets share:
-    {PROGRAM} track --csv log.csv --mounting left 3.6 0.8 45 --mounting right 3.6 -0.8 -45 \\
-        --budget-azimuth 0.2 --budget-doppler 0.04 --output results/drive
-
   data sets in their own layout:
 {DATA_SETS}
 
@@ -703,8 +604,8 @@ What is printed at the end says how many estimates were accepted, and why the ot
   a velocity with a sigma of ...  few targets agree, or they move: more sensors
   the first scan after a gap      nothing near enough to register it with
   a turn of ... between scans     times in another unit than s, or a much too long --horizon
-  a side slip, an acceleration,   no vehicle moves like that: a wrong optimum, or a wrong mounting
-  a speed or a yaw rate of ...    if it is most of them
+  a side slip of ...              --vehicle omni if it does move sideways; else as the next
+  an acceleration, a speed, ...   no vehicle moves like that: a wrong optimum, or a wrong mounting
 
 The book's pages "Your own radar" and "When a path looks wrong" explain how to choose standard
 deviations and a budget, how to test a covariance, and what mistakes with a log look like.

@@ -1,5 +1,6 @@
 """Scans and estimates as lines of JSON, for any middleware."""
 
+import itertools
 import json
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -18,6 +19,22 @@ _COLUMNS = ("time", *MEASURED, *SIGMAS)
 # 3000 years since 1970, before those in ms begin; float64 still holds them to 15 us
 _TIME = SECONDS._replace(most=1e11, hint="; are these milli-, micro- or nanoseconds?")
 
+LINES = """\
+Reads scans from the standard input, one line of JSON each, and writes the estimates that they
+complete to the standard output, one line of JSON each, at once:
+
+  {"sensor": "front", "time": 12.05, "range": [14.2, 31.0], "azimuth": [-0.31, 0.02],
+   "doppler": [-8.92, -9.3], "sigma_range": 0.15, "sigma_azimuth": 0.009, "sigma_doppler": 0.06}
+
+  {"time": 12.05, "converged": true, "reason": "", "theta": [9.3, 0.01, 0.02], "pose": [x, y, yaw],
+   "covariance": [[...], [...], [...]], "targets": 2, "inliers": 0.93, "filter_input": {...}}
+
+Each in one line; a scan may have "elevation" and "sigma_elevation", too.  With --gyro-sigma, a line
+{"time": 12.05, "yaw_rate": 0.021} is one of a gyro's, in rad/s.  Units are those of a CSV file, and
+a sigma may be a number or a list; theta is v_x, v_y, omega in m/s, m/s, rad/s, and the pose that of
+the path from the first estimate.  A line that is not right is named on the standard error.
+"""
+
 
 def estimates_of(
     lines: Iterable[str],
@@ -28,49 +45,46 @@ def estimates_of(
     degrees: bool = False,
     **sigmas: float,
 ) -> Iterator[str]:
-    """The estimates, one line of JSON each, that lines of JSON with scans complete.
+    """The estimates that lines with scans complete, as `LINES` says.
 
-    A line holds ``sensor``, ``time`` and the lists ``range``, ``azimuth``, ``doppler``,
-    ``sigma_range``, ``sigma_azimuth``, ``sigma_doppler``, perhaps ``elevation`` and
-    ``sigma_elevation``, in the units of `RadarScan`; with ``degrees``, angles are in degrees.  A
-    standard deviation may be a number for all targets; one of ``sigmas``, in m, rad and m/s, counts
-    instead of the lines'.  ``gates`` are arguments of `RadarScan.within`.  What is wrong with a
-    line goes to ``complain`` with its number, and the next one is read.
+    ``gates`` are arguments of `RadarScan.within`, ``sigmas`` those of all targets, in m, rad, m/s.
+    What is wrong with a line goes to ``complain`` with its number, and the next one is read.
     """
     last, pose = None, np.zeros(3)
-    for count, line in enumerate(lines, start=1):
-        if not line.strip():
-            continue
+    for count, line in enumerate(itertools.chain(lines, [None]), start=1):
         try:
-            entry = _entry(line)
-            if "yaw_rate" in entry:
-                tracker.add_gyro(*(np.atleast_1d(entry[name]) for name in ("time", "yaw_rate")))
-                continue
-            sensor, scan = _scan(entry, degrees, sigmas)
-            found = tracker.add(sensor, scan.within(**gates))
+            found = (
+                tracker.finish() if line is None else _add(tracker, line, gates, degrees, sigmas)
+            )
         except (ValueError, RecursionError) as error:
             complain(f"line {count}: {error}")
             continue
         for estimate in found:
-            last, pose = _moved(last, pose, estimate)
+            # where an estimate was not accepted, its velocity is the last one that was
+            before = estimate.theta if last is None else last.theta
+            twist = 0.5 * estimate.interval * (before + estimate.theta)
+            if np.isfinite(twist).all():  # else the clock stepped back, and nothing is known
+                pose = rigid.compose(pose, rigid.exponential(twist))
+            last = estimate
             yield _line(estimate, pose)
-    for estimate in tracker.finish():
-        last, pose = _moved(last, pose, estimate)
-        yield _line(estimate, pose)
 
 
-def _moved(
-    last: VelocityEstimate | None, pose: Array, estimate: VelocityEstimate
-) -> tuple[VelocityEstimate, Array]:
-    """The estimate, and the pose that the mean of the last velocity and its own leads to.
-
-    Where it was not accepted, its velocity is the last one that was; a step of the clock back, over
-    which nothing is known, leaves the pose.
-    """
-    before = estimate.theta if last is None else last.theta
-    twist = 0.5 * estimate.interval * (before + estimate.theta)
-    moved = rigid.compose(pose, rigid.exponential(twist)) if np.isfinite(twist).all() else pose
-    return estimate, moved
+def _add(
+    tracker: Tracker,
+    line: str,
+    gates: Mapping[str, Any],
+    degrees: bool,
+    sigmas: dict[str, float],
+) -> list[VelocityEstimate]:
+    """The estimates that a line completes."""
+    if not line.strip():
+        return []
+    entry = _entry(line)
+    if "yaw_rate" in entry:
+        tracker.add_gyro(*(np.atleast_1d(entry[name]) for name in ("time", "yaw_rate")))
+        return []
+    sensor, scan = _scan(entry, degrees, sigmas)
+    return tracker.add(sensor, scan.within(**gates))
 
 
 def _entry(line: str) -> dict[str, Any]:

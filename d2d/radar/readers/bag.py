@@ -12,7 +12,14 @@ from scipy.spatial.transform import Rotation
 
 from d2d._checks import FINITE, check_path
 from d2d._types import Array
-from d2d.radar.readers.reader import LOG_OPTIONS, Option, Reader, Source, mountings_of, options_of
+from d2d.radar.readers.reader import (
+    LOG_OPTIONS,
+    Reader,
+    Source,
+    mountings_of,
+    option_table,
+    options_of,
+)
 from d2d.radar.readers.shared import brief, reading, yaw_of
 from d2d.radar.readers.table import (
     TARGET,
@@ -318,32 +325,20 @@ def _spatial(covariance: Array) -> Array:
 
 
 def _read(path: str, chosen: Mapping[str, Any]) -> Source:
-    options = options_of(chosen, "base_frame", "bag_stamps", "min_snr")
-    return Source(load_bag(path, *chosen["topic"], mountings=mountings_of(chosen), **options))
+    given = options_of(chosen, "base_frame", "bag_stamps", "min_snr")
+    return Source(load_bag(path, *chosen["topic"], mountings=mountings_of(chosen), **given))
 
 
 READER = Reader(
     "bag",
     "a bag of ROS 1 or ROS 2, or an MCAP file",
     load_bag,
-    (
-        Option(
-            "topic",
-            "of PointCloud2 or RadarScan, one for each sensor",
-            {"nargs": "+", "metavar": "TOPIC"},
-            needed=True,
-        ),
-        *(option._replace(needed=False) for option in LOG_OPTIONS),
-        Option(
-            "base_frame",
-            "frame of the vehicle in /tf_static (default: base_link)",
-            {"metavar": "FRAME"},
-        ),
-        Option(
-            "bag_stamps",
-            "take the times at which messages were written, not those of their headers",
-            {"action": "store_true", "default": None},
-        ),
-    ),
+    LOG_OPTIONS
+    | option_table("""
+--topic TOPIC...    of PointCloud2 or RadarScan, one for each sensor
+--base-frame FRAME  the vehicle's in /tf_static (default: base_link)
+--bag-stamps        take the times at which messages were written, not those of their headers
+"""),
+    ("topic",),
     _read,
 )

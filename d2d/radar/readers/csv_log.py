@@ -14,7 +14,14 @@ from numpy.typing import NDArray
 from d2d._checks import FINITE, NOT_NEGATIVE, check_choice, check_path, check_positive_scalar
 from d2d._types import Array
 from d2d.radar.files import atomic_write
-from d2d.radar.readers.reader import LOG_OPTIONS, Option, Reader, Source, mountings_of, options_of
+from d2d.radar.readers.reader import (
+    LOG_OPTIONS,
+    Reader,
+    Source,
+    mountings_of,
+    option_table,
+    options_of,
+)
 from d2d.radar.readers.shared import brief
 from d2d.radar.readers.table import (
     TARGET,
@@ -50,22 +57,26 @@ def load_csv(
 ) -> dict[str, list[RadarScan]]:
     """Read the scans of one or several sensors from a table with a line for each target.
 
-    Returns a dict with the scans of each sensor by its name.  Lines with equal time and sensor form
-    a scan; so do lines that are at most ``scan_gap`` (s) apart, at the median of their times, or
-    neighbouring lines with the same value in a column ``frame``.  Where the time steps back by more
-    than a second, a new segment begins, and none of its scans is merged with one before.  A scan
-    without targets has no line.
+    The first line names the columns, in any order:
 
-    The first line names the columns, in any order: ``time`` (s), ``range`` (m), ``azimuth`` (rad,
-    counter-clockwise from the boresight), ``doppler`` (m/s, positive for receding targets) and, if
-    the radar measures it, ``elevation`` (rad, upwards); or positions ``x``, ``y`` and ``z`` (m)
-    instead of range and angles.  Then the standard deviations ``sigma_range``, ``sigma_azimuth``,
-    ``sigma_doppler`` and ``sigma_elevation``, and ``sensor``, a name or number; without it, there
-    is one sensor called "radar".  Other usual names, and a unit at the end of a name (``time_ns``,
-    ``azimuth_deg``, ``doppler_kmh``), are recognised, other columns ignored.  Times may be dates in
-    ISO 8601.  The file is text as `d2d.radar.readers.table` says, perhaps compressed by gzip, or
-    Parquet.  Raises a ``ValueError`` if a column is missing, and one with its number if a line is
-    wrong.
+    - ``time`` (s, or a date and time in ISO 8601), the same for all targets of a scan,
+    - ``range`` (m), ``azimuth`` (rad, counter-clockwise from the boresight) and, if the radar
+      measures it, ``elevation`` (rad, upwards); or ``x`` along the boresight, ``y`` to the left and
+      ``z`` upwards (m) instead,
+    - ``doppler`` (m/s, positive for targets that move away: ahead of a moving car it is negative),
+    - standard deviations ``sigma_range``, ``sigma_azimuth``, ``sigma_doppler`` and
+      ``sigma_elevation`` in the same units, and an ``snr``,
+    - ``sensor``, a name or number; without it, there is one sensor called "radar".
+
+    Other usual names, and a unit at the end of a name (``time_ns``, ``azimuth_deg``), are
+    recognised, other columns ignored.  Lines with equal time and sensor form a scan; so do lines
+    that are at most ``scan_gap`` (s) apart, at the median of their times, or neighbouring lines
+    with the same value in a column ``frame``.  Where the time steps back by more than a second, a
+    new segment begins, and none of its scans is merged with one before.
+
+    Returns a dict with the scans of each sensor by its name.  The file is text as
+    `d2d.radar.readers.table` says, perhaps compressed by gzip, or Parquet.  Raises a ``ValueError``
+    if a column is missing, and one with its number if a line is wrong.
 
     Parameters
     ----------
@@ -74,9 +85,8 @@ def load_csv(
         The names of columns by what they hold, with a minus sign if the sign is the other:
         ``{"azimuth": "-track_angle_rad"}``.
     time_unit : "s", "ms", "us" or "ns", optional
-        Of a column whose name does not say it; by default s.
     degrees : bool
-        Whether angles are in degrees, where a column's name does not say it.
+        Units of times and angles, where a column's name does not say them.
     scan_gap : float, s
     skip_invalid : bool
         Whether lines are left out, with a warning that counts them, if a number is missing, nan or
@@ -215,10 +225,10 @@ def _read(paths: list[str], chosen: Mapping[str, Any]) -> Source:
     mountings = mountings_of(chosen)
     scans: dict[str, list[RadarScan]] = {}
     names = ("time_unit", "degrees", "scan_gap", "skip_invalid", "min_snr")
-    options = {"columns": _pairs(chosen["columns"]), **options_of(chosen, *names)}
+    given = {"columns": _pairs(chosen["columns"]), **options_of(chosen, *names)}
     for source in paths:
         name, path = _named(source)
-        read = load_csv(path, **options)
+        read = load_csv(path, **given)
         if name and len(read) > 1:
             raise ValueError(f"--csv {source}: the file has several sensors, {', '.join(read)}")
         for sensor, own in read.items():
@@ -254,30 +264,16 @@ READER = Reader(
     "csv",
     "a log with a line for each target",
     load_csv,
-    (
-        *LOG_OPTIONS,
-        Option(
-            "columns",
-            "the columns of a log by what they hold, such as time=stamp_ns,azimuth=-angle_rad",
-            {"metavar": "NAME=COLUMN,..."},
-        ),
-        Option("time_unit", "of the times", {"choices": _TIME_UNITS}),
-        Option(
-            "degrees",
-            "the file's azimuths and their standard deviations are in degrees",
-            {"action": "store_true", "default": None},
-        ),
-        Option(
-            "scan_gap",
-            "lines that are at most S apart are one scan (default: those of equal time)",
-            {"type": float, "metavar": "S"},
-        ),
-        Option(
-            "skip_invalid",
-            "leave out lines with a number that is missing or not finite, or without a range",
-            {"action": "store_true", "default": None},
-        ),
-    ),
+    LOG_OPTIONS
+    | option_table("""
+--columns PAIRS         what the columns hold, such as time=stamp_ns,azimuth=-angle_rad
+--time-unit s|ms|us|ns  of the times
+--degrees               azimuths and their standard deviations are in degrees
+--scan-gap S            lines that are at most S apart are one scan (default: of equal time)
+--skip-invalid          leave out lines without a range, or with a number that is missing or not
+                        finite
+"""),
+    ("mounting",),
     _read,
-    parsing={"action": "append"},
+    action="append",
 )

@@ -15,21 +15,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from d2d._checks import SECONDS, check_instance, check_path, check_positive_scalar
 from d2d._types import Array
+from d2d.radar.readers import shared
 from d2d.radar.readers.pcd import read_pcd
-from d2d.radar.readers.reader import Option, data_set
-from d2d.radar.readers.shared import (
-    MICROSECOND,
-    Noise,
-    brief,
-    check_options,
-    content_of,
-    existing,
-    kept,
-    reading,
-    real_numbers,
-    whole_number,
-    yaw_of,
-)
+from d2d.radar.readers.reader import data_set
+from d2d.radar.readers.shared import MICROSECOND, brief, existing, reading, real_numbers, yaw_of
 from d2d.radar.scans.budget import ErrorBudget
 from d2d.radar.scans.reference import Recording, Reference
 from d2d.radar.scans.scan import BOUNDS, Mounting, RadarScan
@@ -139,7 +128,14 @@ def load_nuscenes(
     strongest, extent
         As for `load_radarscenes`.
     """
-    check_options(strongest, time_offset)
+    own = shared.TargetOptions(
+        strongest,
+        time_offset,
+        sigma_azimuth,
+        sigma_range=sigma_range,
+        sigma_doppler=sigma_doppler,
+        extent=extent,
+    )
     _PREDICTION.number("prediction_time", prediction_time)
     if speed_factor is not None:
         check_positive_scalar("speed_factor", speed_factor)
@@ -150,40 +146,31 @@ def load_nuscenes(
     times = np.array([time for time, _ in files])
     reference = _reference(motion, times, time_offset, half_width, speed_factor)
 
-    noise = Noise(sigma_range, sigma_azimuth, sigma_doppler, extent)
     excesses = prediction_time * _filled(reference.theta[:, 2]) ** 2
     scans = []
     for (time, file), excess in zip(files, excesses, strict=True):
         path = existing(folder, file, f"a scan of {channel}")
-        targets = _valid(read_pcd(path, _FIELDS), strongest)
-        scans.append(_scan(time, targets, excess, noise))
+        scans.append(_scan(time, read_pcd(path, _FIELDS), excess, own))
     mounting = mounting if stated_mounting else _corrected(mounting, channel)
     return Recording(scans, mounting, reference, NUSCENES_BUDGET)
 
 
-def _scan(time: float, targets: dict[str, Array], excess: float, noise: Noise) -> RadarScan:
-    """The scan of valid targets, whose velocities are too large by ``excess`` times the range."""
-    x, y = targets["x"], targets["y"]
-    return RadarScan.from_cartesian(
-        time,
-        x,
-        y,
-        velocity=np.stack([targets["vx"] - excess * x, targets["vy"] - excess * y], axis=-1),
-        grid=GRID,
-        step=STEP,
-        **noise.at(np.arctan2(y, x)),
-    )
+def _scan(
+    time: float, targets: dict[str, NDArray[Any]], excess: float, own: shared.TargetOptions
+) -> RadarScan:
+    """The scan of valid targets, whose velocities are too large by ``excess`` times the range.
 
-
-def _valid(targets: dict[str, NDArray[Any]], strongest: int | None) -> dict[str, Array]:
-    """The targets that are used; an empty scan holds one that is not a number."""
+    An empty scan holds a target that is not a number.
+    """
     columns = {name: column.astype(np.float64) for name, column in targets.items()}
     good = np.isin(columns["invalid_state"], _VALID) & (columns["ambig_state"] == _UNAMBIGUOUS)
     good &= BOUNDS["range"].hold(np.hypot(columns["x"], columns["y"]))
-    for name in ("vx", "vy", "rcs"):
-        good &= np.isfinite(columns[name])
-    keep = kept(good, columns["rcs"], strongest)
-    return {name: column[keep] for name, column in columns.items()}
+    good &= np.isfinite([columns[name] for name in ("vx", "vy", "rcs")]).all(axis=0)
+    keep = own.kept(good, columns["rcs"])
+    x, y, vx, vy = (columns[name][keep] for name in ("x", "y", "vx", "vy"))
+    velocity = np.stack([vx - excess * x, vy - excess * y], axis=-1)
+    errors = own.errors(np.arctan2(y, x))
+    return RadarScan.from_cartesian(time, x, y, velocity=velocity, grid=GRID, step=STEP, **errors)
 
 
 # ---- The vehicle's motion
@@ -202,12 +189,12 @@ def _motion(root: Path, tables: Path, scene: str, tokens: set[str]) -> Array:
     with reading(path, "a file of the vehicle's poses"):
         found = [
             (
-                whole_number(keys[0], row[keys[0]]) * MICROSECOND,
+                shared.whole_number(keys[0], row[keys[0]]) * MICROSECOND,
                 *real_numbers(keys[1], row[keys[1]], 3)[:2],
                 *real_numbers(keys[2], row[keys[2]], 4),
                 real_numbers(keys[3], row[keys[3]], 3)[0] if keys[3] else np.nan,
             )
-            for row in content_of(path)
+            for row in shared.content_of(path)
             if keys[3] or _value("token", row["token"]) in tokens
         ]
         if not found:
@@ -269,7 +256,7 @@ def _rows(folder: Path, name: str, *keys: str) -> list[tuple[Any, ...]]:
 @lru_cache(maxsize=5)
 def _parsed(path: Path, keys: tuple[str, ...], *_changed: int) -> list[tuple[Any, ...]]:
     with reading(path, "a table of nuScenes"):
-        return [tuple(_value(key, row[key]) for key in keys) for row in content_of(path)]
+        return [tuple(_value(key, row[key]) for key in keys) for row in shared.content_of(path)]
 
 
 def _value(key: str, value: Any) -> Any:
@@ -277,7 +264,7 @@ def _value(key: str, value: Any) -> Any:
     if key in _NUMBERS:
         return real_numbers(key, value, _NUMBERS[key])
     if key == "timestamp":
-        return whole_number(key, value)
+        return shared.whole_number(key, value)
     if not isinstance(value, str):
         raise ValueError(f"{key} must be a text, but is {brief(repr(value))}")
     return value
@@ -331,7 +318,9 @@ def _corrected(mounting: Mounting, channel: str) -> Mounting:
 READER = data_set(
     "nuScenes",
     load_nuscenes,
-    recording=Option("scene", "name, such as scene-0061", {"metavar": "NAME"}),
-    sensor=Option("channel", "radars, such as RADAR_FRONT", {"metavar": "NAME"}),
+    """
+--scene NAME       of a scene of nuScenes, such as scene-0061
+--channel NAME...  of its radars, such as RADAR_FRONT
+""",
     trial=("scene-0061", ("RADAR_FRONT", "RADAR_FRONT_LEFT")),
 )

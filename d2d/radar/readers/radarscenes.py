@@ -15,20 +15,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from d2d._checks import check_count, check_path
 from d2d._types import Array
-from d2d.radar.readers.reader import Option, data_set
-from d2d.radar.readers.shared import (
-    MICROSECOND,
-    Noise,
-    check_options,
-    content_of,
-    existing,
-    kept,
-    reading,
-    whole_number,
-)
+from d2d.radar.readers import shared
+from d2d.radar.readers.reader import data_set
+from d2d.radar.readers.shared import MICROSECOND, existing, reading, whole_number
 from d2d.radar.scans.budget import ErrorBudget
 from d2d.radar.scans.reference import Recording, Reference, SlipLaw
-from d2d.radar.scans.scan import BOUNDS, Mounting, RadarScan
+from d2d.radar.scans.scan import BOUNDS, MEASURED, Mounting, RadarScan
 
 SLIP = SlipLaw(ahead=0.0, compliance=0.0045)
 
@@ -104,7 +96,14 @@ def load_radarscenes(
     extent : float, m
         Scatter of the points at which objects are seen; see `RadarScan`.
     """
-    check_options(strongest, time_offset)
+    own = shared.TargetOptions(
+        strongest,
+        time_offset,
+        sigma_azimuth,
+        sigma_range=sigma_range,
+        sigma_doppler=sigma_doppler,
+        extent=extent,
+    )
     check_count("sensor", sensor)
     what = "the folder `data` of the RadarScenes data set"
     data = existing(check_path("root", root), "data", what)
@@ -115,11 +114,7 @@ def load_radarscenes(
     path = existing(folder, "radar_data.h5", "its targets and odometry")
     targets, odometry = _tables(path)
 
-    noise = Noise(sigma_range, sigma_azimuth, sigma_doppler, extent)
-    scans = []
-    for stamp, first, last in listed:
-        own = _own(path, stamp, slice(first, last), targets, sensor)
-        scans.append(_scan(stamp * MICROSECOND, own, strongest, noise))
+    scans = [_scan(path, entry, targets, sensor, own) for entry in listed]
     reference = _reference(np.array([scan.time for scan in scans]), odometry, time_offset)
     v_x, omega = reference.theta[:, 0], reference.theta[:, 2]
     reference.theta[:, 1] = (
@@ -137,7 +132,7 @@ def _mounting(data: Path, sensor: int) -> Mounting:
         )
     key = f"radar_{sensor}"
     with reading(found[0], f"a list of mountings with x, y and yaw of {key}"):
-        mountings = content_of(found[0])
+        mountings = shared.content_of(found[0])
         if key not in mountings:
             raise ValueError(f"it has only {', '.join(mountings)}")
         entry = mountings[key]
@@ -148,18 +143,14 @@ def _listed(path: Path, sensor: int) -> list[tuple[int, int, int]]:
     """Time stamp in us and half-open target indices of the sensor's scans, in time order."""
     with reading(path, "a RadarScenes scene list"):
         listed = sorted(
-            (whole_number("a time stamp", json.loads(stamp)), *_indices(scene["radar_indices"]))
-            for stamp, scene in content_of(path)["scenes"].items()
+            (whole_number("a time stamp", json.loads(stamp)), first, last)
+            for stamp, scene in shared.content_of(path)["scenes"].items()
             if whole_number("sensor_id", scene["sensor_id"]) == sensor
+            for first, last in [(whole_number("radar_indices", i) for i in scene["radar_indices"])]
         )
     if not listed:
         raise ValueError(f"{path} has no scan of sensor {sensor}")
     return listed
-
-
-def _indices(values: list[object]) -> tuple[int, int]:
-    first, last = (whole_number("radar_indices", value) for value in values)
-    return first, last
 
 
 def _tables(path: Path) -> tuple[Table, Table]:
@@ -196,31 +187,23 @@ def _table(file: h5py.File, name: str, fields: tuple[str, ...]) -> Table:
     return table
 
 
-def _own(path: Path, stamp: int, indices: slice, targets: Table, sensor: int) -> Table:
-    first, last, count = indices.start, indices.stop, len(targets["sensor_id"])
+def _scan(
+    path: Path, listed: tuple[int, int, int], targets: Table, sensor: int, own: shared.TargetOptions
+) -> RadarScan:
+    stamp, first, last = listed
+    where, count = f"{path}: the scan at {stamp} us", len(targets["sensor_id"])
     if not 0 <= first <= last <= count:
-        raise ValueError(
-            f"{path}: the scan at {stamp} us has the targets {first} to {last}, but the file holds "
-            f"{count} targets"
-        )
-    own = {field: column[indices] for field, column in targets.items()}
-    if (own["sensor_id"] != sensor).any():
-        raise ValueError(
-            f"{path}: the scan at {stamp} us holds targets of another sensor than {sensor}"
-        )
-    return own
-
-
-def _scan(time: float, targets: Table, strongest: int | None, noise: Noise) -> RadarScan:
+        raise ValueError(f"{where} has the targets {first} to {last}, but the file holds {count}")
+    rows = {field: column[first:last] for field, column in targets.items()}
+    if (rows["sensor_id"] != sensor).any():
+        raise ValueError(f"{where} holds targets of another sensor than {sensor}")
     with np.errstate(invalid="ignore"):  # a signalling nan is left out like any other
-        columns = {
-            name: targets[field].astype(np.float64)
-            for name, field in (("range", "range_sc"), ("azimuth", "azimuth_sc"), ("doppler", "vr"))
-        }
-    good = np.all([BOUNDS[name].hold(column) for name, column in columns.items()], axis=0)
-    keep = kept(good, targets["rcs"], strongest)
-    distance, azimuth, doppler = (column[keep] for column in columns.values())
-    return RadarScan(time, distance, azimuth, doppler, **noise.at(azimuth))
+        columns = [rows[name].astype(np.float64) for name in ("range_sc", "azimuth_sc", "vr")]
+    good = np.all([BOUNDS[name].hold(c) for name, c in zip(MEASURED, columns, strict=True)], axis=0)
+    keep = own.kept(good, rows["rcs"])
+    distance, azimuth, doppler = (column[keep] for column in columns)
+    errors = own.errors(azimuth)
+    return RadarScan(stamp * MICROSECOND, distance, azimuth, doppler, **errors)
 
 
 def _reference(times: Array, odometry: Table, offset: float) -> Reference:
@@ -237,7 +220,9 @@ def _reference(times: Array, odometry: Table, offset: float) -> Reference:
 READER = data_set(
     "RadarScenes",
     load_radarscenes,
-    recording=Option("sequence", "number of the sequence", {"metavar": "N"}),
-    sensor=Option("sensor", "1 to 4", {"metavar": "N", "type": int}),
+    """
+--sequence NUMBER  of the sequence of RadarScenes
+--sensor N...      of RadarScenes, 1 to 4
+""",
     trial=("105", (1, 2, 3, 4)),
 )

@@ -7,12 +7,12 @@ import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from d2d._checks import FINITE, SECONDS, check_count
+from d2d._checks import SECONDS, check_count, check_finite
 from d2d._types import Array
 
 MICROSECOND = 1e-6  # s
@@ -20,36 +20,33 @@ _OFFSET = SECONDS._replace(most=10.0)  # s, of a radar's clock
 _LARGEST = 2**53  # that float64 holds exactly: 285 years in microseconds
 
 
-class Noise(NamedTuple):
-    """Standard deviations that a data set does not give, as a loader takes them."""
+class TargetOptions:
+    """Targets that a loader keeps, and the standard deviations that a data set does not give."""
 
-    sigma_range: float
-    sigma_azimuth: float | Callable[[Array], ArrayLike]
-    sigma_doppler: float
-    extent: float
+    def __init__(
+        self,
+        strongest: int | None,
+        time_offset: float,
+        sigma_azimuth: float | Callable[[Array], ArrayLike],
+        **others: float,
+    ) -> None:
+        if strongest is not None:
+            check_count("strongest", strongest)
+        _OFFSET.number("time_offset", time_offset)
+        self._strongest, self._sigma, self._others = strongest, sigma_azimuth, others
 
-    def at(self, azimuth: Array) -> dict[str, Any]:
+    def kept(self, good: NDArray[np.bool_], cross_section: NDArray[Any]) -> NDArray[np.intp]:
+        """Indices of the good targets, of the strongest only if there are more, in their order."""
+        keep = np.flatnonzero(good)
+        if self._strongest is None or len(keep) <= self._strongest:
+            return keep
+        order = np.argsort(-cross_section[keep], kind="stable")
+        return np.asarray(keep[np.sort(order[: self._strongest])])
+
+    def errors(self, azimuth: Array) -> dict[str, Any]:
         """Arguments of a scan whose targets are at these azimuths (K,)."""
-        sigma = self.sigma_azimuth
-        return self._asdict() | {"sigma_azimuth": sigma(azimuth) if callable(sigma) else sigma}
-
-
-def check_options(strongest: int | None, time_offset: float) -> None:
-    """Check what all loaders take and no scan checks."""
-    if strongest is not None:
-        check_count("strongest", strongest)
-    _OFFSET.number("time_offset", time_offset)
-
-
-def kept(
-    good: NDArray[np.bool_], cross_section: NDArray[Any], strongest: int | None
-) -> NDArray[np.intp]:
-    """Indices of the good targets, of the ``strongest`` only if there are more, in their order."""
-    keep = np.flatnonzero(good)
-    if strongest is None or len(keep) <= strongest:
-        return keep
-    order = np.argsort(-cross_section[keep], kind="stable")
-    return np.asarray(keep[np.sort(order[:strongest])])
+        sigma = self._sigma(azimuth) if callable(self._sigma) else self._sigma
+        return {"sigma_azimuth": sigma, **self._others}
 
 
 def yaw_of(w: Array, x: Array, y: Array, z: Array) -> Array:
@@ -110,15 +107,9 @@ def whole_number(name: str, value: object) -> int:
 
 def real_numbers(name: str, values: object, count: int) -> list[float]:
     """A list of so many real numbers of a JSON file; raises a ValueError if it is another."""
-    if not isinstance(values, list) or len(values) != count:
+    if not isinstance(values, list) or any(isinstance(value, bool) for value in values):
         raise ValueError(f"{name} must be {count} numbers, but is {brief(repr(values))}")
-    return [FINITE.number(name, _real(name, value)) for value in values]
-
-
-def _real(name: str, value: object) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise ValueError(f"{name} must be a number, but is {brief(repr(value))}")
-    return float(value)
+    return [float(value) for value in check_finite(name, values, f"({count},)")]
 
 
 @contextmanager

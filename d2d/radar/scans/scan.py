@@ -61,10 +61,9 @@ ANGLES = ("azimuth", "sigma_azimuth", *UPWARDS)
 class Mounting(Bounded):
     """Pose of the sensor in the vehicle frame: x forward and y left in m, angles in rad.
 
-    The yaw is the direction of the boresight, counter-clockwise from the x axis.  The sensor may
-    also be turned by a pitch, positive if it looks down, and before that by a roll about its
-    boresight, positive if its left side is raised (REP 103: z points up).  Raises a ``ValueError``
-    if a number is not finite, x or y is beyond 100 m, or an angle beyond 2 pi.
+    The yaw is the direction of the boresight, counter-clockwise from the x axis.  A pitch is
+    positive if the sensor looks down, a roll, applied before, if its left side is raised (REP 103:
+    z points up).  Raises a ``ValueError`` if x or y is beyond 100 m, or an angle beyond 2 pi.
     """
 
     x: float = number(0.0, _LEVER)
@@ -91,15 +90,13 @@ class RadarScan(Frozen):
     The scan at ``time`` (s) has the arrays (K,) ``range`` in m, ``azimuth`` in rad, measured
     counter-clockwise from the boresight, and ``doppler`` in m/s, positive for receding targets; K
     may be 0.  The standard deviations ``sigma_range``, ``sigma_azimuth`` and ``sigma_doppler`` are
-    numbers or arrays (K,) in the same units.  The ``extent``, too, a number or an array (K,) in m,
-    is a standard deviation along each axis: how far a target's reflection point lies from the point
-    that the other scans see, because each scan sees different points of an object.  It is zero for
-    point targets; see `estimate_extent`.
+    numbers or arrays (K,) in the same units, and so is the ``extent`` in m, along each axis: how
+    far a target's reflection point lies from the point that the other scans see; see
+    `estimate_extent`.
 
-    A radar that measures the ``elevation``, too, (K,) in rad and positive upwards, has the range
-    and the Doppler velocity along its inclined line of sight; the flat motion is estimated from
-    their parts in the plane, see `level`.  The ``sigma_elevation``, a number or an array (K,) in
-    rad, is by default that of the azimuth.
+    If a radar measures the ``elevation``, too, (K,) in rad and positive upwards, ranges and Doppler
+    velocities are along the inclined line of sight; see `level`.  The ``sigma_elevation`` in rad is
+    by default that of the azimuth.
 
     Raises a ``ValueError`` if a range or standard deviation is not positive or so large or small
     that no covariance can hold it, a range beyond 10 km, an azimuth beyond 2 pi or an elevation
@@ -187,22 +184,18 @@ class RadarScan(Frozen):
     ) -> RadarScan:
         """The scan of a radar that reports positions, such as a list of objects or clusters.
 
-        The targets have the positions x along the boresight, y to the left and, of a radar that
-        measures elevations, z upwards, (K,) arrays in m in the sensor frame.  They have either the
-        radial velocities ``doppler``, (K,) in m/s, positive for receding targets, or a
-        ``velocity``, (K, 2) or with z (K, 3) in m/s, relative to the sensor and not compensated for
-        its own motion.  This is projected onto the line of sight: a Doppler radar measures nothing
-        else.  ``time`` and ``extent`` are as for `RadarScan`.
+        The positions x along the boresight, y to the left and, if the radar measures elevations, z
+        upwards are arrays (K,) in m in the sensor frame.  Targets have either radial velocities
+        ``doppler`` (K,), positive if they recede, or a ``velocity`` (K, 2), with z (K, 3), in m/s,
+        relative to the sensor and not compensated for its own motion, of which a Doppler radar
+        measures the part along the line of sight.
 
-        The variances of all errors that are given are added: those of the standard deviations
-        ``sigma_range``, ``sigma_azimuth``, ``sigma_doppler`` and ``sigma_elevation``, numbers or
-        (K,) arrays in m, rad, m/s; the ``covariance`` of the position, (K, D, D) or (D, D) in m^2;
-        and those of rounding.  ``grid`` (m) is the spacing of the values to which positions are
-        rounded, and ``step`` (m/s) that of the Doppler velocity or each component of the velocity;
-        see `quantisation_sigma`.
+        The variances of all errors that are given are added: of the standard deviations, as for
+        `RadarScan`; of the ``covariance`` (K, D, D) or (D, D) of the position in m^2, without the
+        correlations between the line of sight and the directions across it; and of rounding, to
+        multiples of ``grid`` (m) in positions and of ``step`` (m/s) in the Doppler velocity or each
+        component of the velocity; see `quantisation_sigma`.
 
-        A scan stores one standard deviation along the line of sight and one across it in each
-        direction, so a covariance is projected onto them, and their correlations are dropped.
         Raises a ``ValueError`` if a target is at, above or below the sensor, or there is no error
         of the range, the azimuth or the Doppler velocity.
         """
@@ -218,7 +211,13 @@ class RadarScan(Frozen):
         sideways = np.column_stack([-left, ahead, 0.0 * up])[:, :axes] / across[:, None]
         rising = np.column_stack([-up * ahead, -up * left, across**2])[:, :axes]
         rising /= (across * distance)[:, None]
-        spread = _position_covariances(covariance, grid, size, axes)
+        spread = np.zeros((size, axes, axes))
+        if covariance is not None:
+            given = check_covariances("covariance", covariance)
+            check_shape("covariance", given, f"({size}, {axes}, {axes})", f"({axes}, {axes})")
+            spread += given
+        if grid is not None:
+            spread += quantisation_sigma(grid, "grid") ** 2 * np.eye(axes)
         along, beside, above = (
             np.einsum("ki,kij,kj->k", d, spread, d) for d in (sight, sideways, rising)
         )
@@ -296,11 +295,10 @@ class RadarScan(Frozen):
     ) -> LinearMeasurement:
         """The Doppler velocities as a measurement of the motion over ``interval`` seconds.
 
-        The Doppler velocity V is linear in the body velocity theta = [v_x, v_y, omega], and thus in
-        the twist ``interval * theta``.  The azimuth's error enters through the derivative of V in
-        the azimuth (thesis sec. 7.1).  If ``of_twist`` is False, the translation is taken as v tau,
-        as in the thesis.  If it is known how far the velocity at the scan is ``ahead`` (3,) of the
-        mean over the interval, that is taken off.
+        The Doppler velocity V is linear in the body velocity [v_x, v_y, omega], and thus in the
+        twist ``interval`` times it.  The azimuth's error enters through the derivative of V (thesis
+        sec. 7.1).  If not ``of_twist``, the translation is v tau, as in the thesis.  By how much
+        the velocity at the scan is ``ahead`` (3,) of the mean over the interval is taken off.
         """
         check_positive_scalar("interval", interval)
         scan, mounting = level(self, mounting)
@@ -318,26 +316,11 @@ class RadarScan(Frozen):
 def quantisation_sigma(step: float, name: str = "step") -> float:
     """Standard deviation of the error of a value that is rounded to multiples of ``step``.
 
-    The error is uniform over one step, so that the variance is step^2 / 12.  It adds to that of the
-    measurement: ``np.hypot(sigma, quantisation_sigma(step))``.  Where the noise is much smaller
-    than the step, rounding is not independent from one value to the next.  Errors call the argument
-    ``name``.
+    The error is uniform over one step, so that the variance is step^2 / 12, which adds to that of
+    the measurement.  Where the noise is much smaller than the step, errors are not independent from
+    one value to the next.  A ``ValueError`` calls the argument ``name``.
     """
     return float(_STEP.number(name, step) / np.sqrt(12.0))
-
-
-def _position_covariances(
-    covariance: ArrayLike | None, grid: float | None, size: int, axes: int
-) -> Array:
-    """Covariances (K, D, D) of positions: those given, and the rounding's."""
-    total = np.zeros((size, axes, axes))
-    if covariance is not None:
-        given = check_covariances("covariance", covariance)
-        check_shape("covariance", given, f"({size}, {axes}, {axes})", f"({axes}, {axes})")
-        total += given
-    if grid is not None:
-        total += quantisation_sigma(grid, "grid") ** 2 * np.eye(axes)
-    return total
 
 
 def _radial(doppler: ArrayLike | None, velocity: ArrayLike | None, sight: Array) -> Array:
@@ -456,8 +439,8 @@ def doppler_velocity(theta: ArrayLike, azimuth: ArrayLike, mounting: Mounting) -
     """Doppler velocities (..., K) in m/s of static targets, positive if they recede.
 
     V = -(v_x - omega y_s) cos(phi + alpha_s) - (v_y + omega x_s) sin(phi + alpha_s) (thesis
-    eq. 7.10; Barjenbruch et al. 2015).  ``theta`` (..., 3) is the vehicle's velocity
-    [v_x, v_y, omega] in m/s, m/s, rad/s, and ``azimuth`` (..., K) in rad is in the sensor frame.
+    eq. 7.10; Barjenbruch et al. 2015), with ``theta`` (..., 3) = [v_x, v_y, omega] of the vehicle
+    in m/s, m/s, rad/s, and the ``azimuth`` phi (..., K) in rad in the sensor frame.
     """
     motion = rigid.motion("theta", theta, 2)
     gain, _ = doppler_gradients(BOUNDS["azimuth"].array("azimuth", azimuth), mounting)
