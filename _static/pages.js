@@ -1,7 +1,6 @@
 // What a page does beside showing itself. Everything can be read without it.
 document.addEventListener("DOMContentLoaded", () => {
-  // their text names them
-  const named = document.querySelectorAll("summary[aria-label], .search-button[aria-label], .search-button-field");
+  const named = document.querySelectorAll("summary, .search-button, .search-button-field"); // by their texts
   named.forEach((each) => each.removeAttribute("aria-label"));
   document.querySelectorAll(".measured-scroll").forEach((each) => (each.tabIndex = 0)); // to scroll by keys
   if (innerWidth >= 1200) captionsAside();
@@ -19,7 +18,6 @@ if (location.protocol === "file:") DOCUMENTATION_OPTIONS.SHOW_SEARCH_SUMMARY = f
 // The search's: chapters and guides come before the appendix, and the functions last.
 const WEIGHTS = [
   [/gallery/, -20],
-  [/^chapters\/\d/, 12],
   [/^chapters\/[a-z]_/, 3],
   [/^chapters/, 12],
   [/./, -4],
@@ -39,10 +37,9 @@ var Scorer = {
 /** Captions in the margin, from the top of their figures; the page's contents fold away from what stands there. */
 function captionsAside() {
   for (const caption of document.querySelectorAll("figure:has(> img) > figcaption")) {
-    const figure = caption.parentNode;
-    const wide = figure.querySelector("img.page");
-    if (!wide) figure.prepend(caption);
-    (wide ? figure : caption).classList.add("popout");
+    const wide = caption.parentNode.querySelector("img.page");
+    if (!wide) caption.parentNode.prepend(caption);
+    (wide ? caption.parentNode : caption).classList.add("popout");
   }
 }
 

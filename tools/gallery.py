@@ -1,18 +1,25 @@
 """A Sphinx extension with a directive ``gallery``: every laboratory and every figure, with a link.
 
-They stand in the order of the book, under the titles of their pages.
+They stand in the order of the book, under the titles of their pages, and have small pictures: the
+upper left of the figure, where its first panel is.
 """
 
 from __future__ import annotations
 
+import html
 import itertools
 import re
+from pathlib import Path
 
+import numpy as np
 from docutils import nodes
 from laboratories import LABORATORY
+from PIL import Image, ImageOps
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
+PART = (760, 556)  # pixels of a figure, which has two for each of the page
+SMALL = (380, 278)
 _FRAME = re.compile(r"<svg.*?</svg>|<img .*?>", re.DOTALL)
 
 
@@ -41,7 +48,7 @@ def laboratories(document: nodes.document, address: str) -> list[nodes.Node]:
     return links
 
 
-def figures(document: nodes.document, address: str) -> list[nodes.Node]:
+def figures(document: nodes.document, address: str, images: str) -> list[nodes.Node]:
     """A link to each figure of a page: its picture, and its caption up to the first stop."""
     links: list[nodes.Node] = []
     for figure in document.findall(nodes.figure):
@@ -50,9 +57,9 @@ def figures(document: nodes.document, address: str) -> list[nodes.Node]:
             continue
         picture: list[nodes.Node] = []
         if image is not None:
-            small = nodes.image(uri=image["uri"], candidates=image["candidates"], alt=image["alt"])
-            small["loading"] = "lazy"
-            picture = [small]
+            name, alt = Path(image["uri"]).stem, html.escape(image["alt"])
+            small = f'<img src="{images}/{name}.small.webp" alt="{alt}" loading="lazy">'
+            picture = [nodes.raw("", small, format="html")]
         elif frame := _FRAME.search(figure.astext()):  # of an animation
             picture = [nodes.raw("", frame[0], format="html")]
         words = itertools.takewhile(lambda part: not isinstance(part, nodes.math), caption)
@@ -74,7 +81,8 @@ def fill(app: Sphinx, document: nodes.document, here: str) -> None:
         sections: list[nodes.Node] = []
         for page in (root, *env.toctree_includes[root]):
             read, address = env.get_doctree(page), app.builder.get_relative_uri(here, page)
-            links = [*laboratories(read, address), *figures(read, address)]
+            images = f"{'../' * here.count('/')}{app.builder.imagedir}"
+            links = [*laboratories(read, address), *figures(read, address, images)]
             if links:
                 title = nodes.title("", env.titles[page].astext())
                 pictures = nodes.container("", *links, classes=["gallery"])
@@ -83,8 +91,17 @@ def fill(app: Sphinx, document: nodes.document, here: str) -> None:
         place.replace_self(sections)
 
 
+def write_small(app: Sphinx, error: Exception | None) -> None:
+    """Write the small pictures beside the others."""
+    for path in (Path(app.outdir) / app.builder.imagedir).glob("*.png"):
+        with Image.open(path) as picture:
+            part = picture.convert("RGB").crop((0, 0, *np.minimum(picture.size, PART)))
+            ImageOps.fit(part, SMALL, centering=(0, 0)).save(path.with_suffix(".small.webp"))
+
+
 def setup(app: Sphinx) -> dict[str, bool]:
     app.add_node(gallery)
     app.add_directive("gallery", Gallery)
     app.connect("doctree-resolved", fill)
+    app.connect("build-finished", write_small)
     return {"parallel_read_safe": True}
