@@ -20,14 +20,7 @@ from d2d.covariance import check_estimate, propagated
 from d2d.point_set import PointSet
 from d2d.problem import Estimate, Problem
 from d2d.radar.motion.model import EgoMotionModel, ModelOptions
-from d2d.radar.motion.pairs import (
-    ScanPair,
-    bracket,
-    following,
-    middle_of,
-    problem_of,
-    scan_pairs,
-)
+from d2d.radar.motion.pairs import ScanPair, bracket, following, middle_of, problem_of, scan_pairs
 from d2d.radar.scans.budget import CovarianceParts, ErrorBudget
 from d2d.radar.scans.scan import Mounting, RadarScan, cross_range
 

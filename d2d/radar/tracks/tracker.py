@@ -264,7 +264,8 @@ class Tracker:
 def _estimator(sensors: int, options: TrackOptions) -> OdometryEstimator:
     """An estimator for this number of sensors, from options that are checked here."""
     left = options.copy()
-    left.pop("horizon", None), left.pop("baseline", None)  # of the rounds
+    left.pop("horizon", None)  # of the rounds
+    left.pop("baseline", None)
     carry, initial = check_flag("carry", left.pop("carry", True)), left.pop("initial", None)
     budget, gyro = left.pop("budget", None), left.pop("gyro", None)
     limits = left.pop("limits", DEFAULT_LIMITS)

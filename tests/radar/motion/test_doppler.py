@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 from d2d.radar import Mounting, RadarScan, doppler_ego_motion, doppler_velocity, sensor_velocity
-from d2d.radar.motion.doppler import _agreeing, _hypotheses, doppler_acceleration, doppler_starts
+from d2d.radar.motion.doppler import doppler_acceleration, doppler_starts
 from tests.radar.scenes import AROUND, mountings, velocities
 from tests.strategies import seeds
 
@@ -262,33 +262,3 @@ def test_views_come_from_any_iterable_or_are_refused_by_name():
     ):
         with pytest.raises(ValueError, match=f"^{said}"):
             doppler_ego_motion(given_views)
-
-
-def naive_consensus(scan: RadarScan, directions: np.ndarray) -> np.ndarray:
-    """The targets that agree with the best pair's velocity, by the pseudoinverse of each pair."""
-    best = np.zeros(scan.size, dtype=bool)
-    for i, j in _hypotheses(scan.size).T:
-        velocity = np.linalg.pinv(directions[[i, j]], rcond=1e-3) @ scan.doppler[[i, j]]
-        slope = directions @ [velocity[1], -velocity[0]]
-        sigma = np.hypot(scan.sigma_doppler, scan.sigma_azimuth * slope)
-        agree = np.abs(scan.doppler - directions @ velocity) < 3.0 * sigma
-        if agree.sum() > best.sum():
-            best = agree
-    return best if best.any() else np.ones_like(best)
-
-
-def test_consensus_is_that_of_the_pseudoinverses():
-    """Breaks if a pair of (nearly) equal directions gives another velocity, or a tie another, or if
-    the error of the azimuth does not count.
-    """
-    rng = np.random.default_rng(3)
-    for spread, size in product((1.2, 1e-3, 1e-5, 0.0), (3, 5, 12, 40)):
-        azimuth = spread * rng.uniform(-1.0, 1.0, size)
-        seen = azimuth + 0.01 * (spread > 1.0) * rng.standard_normal(size)
-        still = doppler_velocity([25.0, 0.3, 0.2], azimuth, Mounting(3.6, 0.5, 0.4))
-        moving = rng.random(size) < 0.3
-        doppler = still + rng.normal(0.0, 0.05, size) + moving * rng.uniform(-9.0, 9.0, size)
-        scan = scan_of(seen, doppler)
-        angle = seen + 0.4
-        directions = -np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-        assert_array_equal(_agreeing(scan, directions), naive_consensus(scan, directions))

@@ -107,7 +107,8 @@ def places(driven):
 
 
 def test_an_extent_scatters_the_same_targets():
-    """Breaks if the extent is not a standard deviation, or if it changes what is detected."""
+    """Breaks if the extent is not a standard deviation, if it changes what is detected, or if the
+    Doppler velocity stays that of the reflection point."""
     wide, plain = drive(SensorErrors(extent=0.4)), drive()
     (moved, of), (exact, point) = places(wide), places(plain)
     assert_array_equal(of, point)
@@ -124,15 +125,10 @@ def test_an_extent_scatters_the_same_targets():
     noise = targets(wide, "azimuth") - true(wide, "azimuth")
     same = targets(plain, "azimuth") - true(plain, "azimuth")
     assert_allclose(noise, same, rtol=0, atol=1e-12)
-
-
-def test_a_scattered_target_has_the_doppler_of_where_it_is_seen():
-    """Breaks if the Doppler velocity stays that of the reflection point."""
-    driven = drive(SensorErrors(extent=0.4))
-    for i, each in enumerate(driven.targets):
-        still = (each.point >= 0) & (each.kind != "moving")
-        predicted = doppler_velocity(driven.truth.theta[i], each.azimuth[still], CAR_MOUNTING)
-        assert_allclose(each.doppler[still], predicted, rtol=0, atol=1e-12)
+    for theta, each in zip(wide.truth.theta, wide.targets, strict=True):
+        still = each[(each.point >= 0) & (each.kind != "moving")]
+        predicted = doppler_velocity(theta, still.azimuth, CAR_MOUNTING)
+        assert_allclose(still.doppler, predicted, rtol=0, atol=1e-12)
 
 
 def test_neighbours_move_alike():

@@ -100,10 +100,7 @@ def test_a_clock_that_steps_back_alone_is_refused_in_a_log():
     scans, at = sensors["left"]
     sensors["left"] = shifted(scans, 15, -1.2), at
     said = r"the clock of sensors\['left'\].scans steps back from 1.400 s to 0.300 s, and that of "
-    with (
-        pytest.warns(ScanWarning),
-        pytest.raises(ValueError, match=f"^{said}.*'right'.* does not"),
-    ):
+    with pytest.warns(ScanWarning), pytest.raises(ValueError, match=f"^{said}.*'right'.* does not"):
         track(sensors)
 
 
@@ -140,10 +137,7 @@ def test_one_wrong_stamp_is_left_out_with_a_word(given, seconds):
 
 @pytest.mark.parametrize(
     ("first", "last", "seconds"),
-    [
-        *product([12], [13, 20, 30], [50.0, 1.5, -3.0]),
-        *product([1], [2, 20, 30], [-3.0]),
-    ],
+    [*product([12], [13, 20, 30], [50.0, 1.5, -3.0]), *product([1], [2, 20, 30], [-3.0])],
 )
 def test_one_clock_that_steps_does_not_lose_the_others(first, last, seconds):
     """Breaks if the scans of all other sensors are late after one stamp, or for ever."""
