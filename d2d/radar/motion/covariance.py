@@ -49,16 +49,11 @@ def propagate_ego_motion(
     shared_azimuth : bool
         Whether a single azimuth error of each current target both rotates its position about the
         sensor and changes its predicted Doppler velocity, as in a real sensor.  Otherwise two
-        independent errors do, as in the cost (thesis eq. 7.14).
+        independent errors do, as in the cost (thesis eq. 7.14).  A shared one correlates the errors
+        of the sensor's transverse velocity and of omega, unless the Doppler error that the azimuth
+        causes is small.
     **options
         The fields of `EgoMotionModel`.
-
-    Notes
-    -----
-    A shared azimuth error correlates the errors of the sensor's transverse velocity and of omega.
-    This matters if the Doppler error caused by the azimuth, ``sigma_azimuth |dV / d azimuth|``, is
-    not small compared with sigma_doppler; it changes the shape of the covariance more than its
-    size.
     """
     check_instance("estimate", estimate, Estimate)
     if np.shape(estimate.theta) != (3,):
@@ -142,9 +137,9 @@ class Budgeted(NamedTuple):
     """Covariance contributions of a budget to a velocity from P pairs of scans, without the lag.
 
     The delay, times the acceleration, is how far the estimate is from the velocity at a common
-    time: the positions of each pair give the mean velocity over its interval, and its Doppler
-    velocities belong to its later scan.  Each counts with its share in the estimate.  The lead,
-    times an acceleration, is how far the estimate moves if `problem_of` gets that acceleration.
+    time: positions give the mean velocity over an interval, and Doppler velocities belong to the
+    later scan.  The lead, times an acceleration, is how far the estimate moves if `problem_of` gets
+    that acceleration.
     """
 
     parts: CovarianceParts  # each (3, 3)
@@ -184,7 +179,11 @@ def apply_budget(
                 length = budget.neighbours
                 add_dependence(each.position, covariances, means, order, length, memory, dependence)
         shared[0] = turned.sum(axis=0)
-        share = -pair.interval * _of_displacement(now, turned[1])
+        # the gradient's derivative in a small motion that follows the pair's own
+        moved = np.empty((3, 3))
+        moved[:, :2] = now.position.sum(axis=0)
+        moved[:, 2] = turned[1] + moved[:, :2] @ [-now.mounting.y, now.mounting.x]
+        share = -pair.interval * moved
         # with [., .] the bracket of SE(2), a constant acceleration a moves a vehicle that turns by
         # exp(tau (theta + tau^2 / 12 [theta, a])), theta that in the middle (Magnus 1954)
         mean = pair.interval**2 / 12.0 * bracket(estimate.theta)
@@ -208,14 +207,3 @@ def apply_budget(
     parts = CovarianceParts(*propagated(estimate.covariance, gradients))
     parts = parts._replace(systematic=parts.systematic + budget.constant)
     return Budgeted(parts, gain @ slow.T, gain @ delayed, gain @ led)
-
-
-def _of_displacement(now: Influence, turned: Array) -> Array:
-    """Derivative (3, 3) of a gradient in a small motion that follows the pair's own.
-
-    ``turned`` (3,) is that in a rotation of the later scan's positions about its sensor.
-    """
-    moved = np.empty((3, 3))
-    moved[:, :2] = now.position.sum(axis=0)
-    moved[:, 2] = turned + moved[:, :2] @ [-now.mounting.y, now.mounting.x]
-    return moved

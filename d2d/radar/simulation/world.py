@@ -1,15 +1,13 @@
 """A street around a block: the path that a vehicle drives, and what a radar sees along it."""
 
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
 from d2d import rigid
-from d2d._checks import check_finite
-from d2d._frozen import Frozen
 from d2d._types import Array
 
 KINDS = ("wall", "car", "pole", "vegetation", "moving", "clutter")
@@ -72,7 +70,7 @@ class Movers:
 
 
 @dataclass(frozen=True, eq=False)
-class World(Frozen):
+class World:
     """Everything that the radar can see.
 
     ``buildings`` and ``cars``, corners (n, 4, 2) of outlines in m, counter-clockwise, block the
@@ -84,11 +82,7 @@ class World(Frozen):
     reflectors: Reflectors
     movers: Movers
 
-    def __post_init__(self) -> None:
-        for name in ("buildings", "cars"):
-            self._keep(name, check_finite(name, getattr(self, name)))
-
-    @cached_property
+    @property
     def walls(self) -> Array:
         """Start and end (S, 2, 2) in m of all wall segments, which block the view."""
         return _edges(np.concatenate([self.buildings, self.cars]))
@@ -157,7 +151,13 @@ def _lap() -> "tuple[scipy.interpolate.CubicHermiteSpline, ...]":
     The time is multiplied by the mean speed, so that it is in m as well.
     """
     spline = scipy.interpolate.CubicHermiteSpline
-    starts = _corners()
+    # a quarter turn moves the path as far sideways as ahead
+    fine = np.linspace(0.0, _CORNER, 2001)
+    extent = scipy.integrate.simpson(np.cos(_bends(fine, np.zeros(1))[1][:, 0]), x=fine)
+    shortcut = 2.0 * extent - _CORNER  # saved by rounding a corner of the block
+    width = 0.5 * (LAP + len(_TURNS) * shortcut) - _HEIGHT
+    sides = np.array([*_BLOCK, width - _BLOCK[1], _HEIGHT])
+    starts = 0.5 * width - extent + np.cumsum([0.0, *(sides - shortcut)])  # of the corners
     grid = np.linspace(0.0, LAP, round(LAP / _STEP) + 1)
     curvature, turned = _bends(grid, starts)
     heading = spline(grid, turned @ _TURNS, curvature @ _TURNS)
@@ -183,17 +183,6 @@ def _bends(along: Array, starts: Array) -> tuple[Array, Array]:
     share = np.clip((along[:, None] - starts) / _CORNER, 0.0, 1.0)
     curvature = np.pi / _CORNER * np.sin(np.pi * share) ** 2
     return curvature, 0.5 * np.pi * (share - np.sin(2.0 * np.pi * share) / (2.0 * np.pi))
-
-
-def _corners() -> Array:
-    """Where the corners (C,) begin along the lap, in m."""
-    fine = np.linspace(0.0, _CORNER, 2001)
-    # a quarter turn moves the path as far sideways as ahead
-    extent = scipy.integrate.simpson(np.cos(_bends(fine, np.zeros(1))[1][:, 0]), x=fine)
-    shortcut = 2.0 * extent - _CORNER  # saved by rounding a corner of the block
-    width = 0.5 * (LAP + len(_TURNS) * shortcut) - _HEIGHT
-    sides = np.array([*_BLOCK, width - _BLOCK[1], _HEIGHT])
-    return np.asarray(0.5 * width - extent + np.cumsum([0.0, *(sides - shortcut)]))
 
 
 def build_world(rng: np.random.Generator, movers: int = 6) -> World:

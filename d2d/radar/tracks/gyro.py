@@ -61,15 +61,14 @@ class GyroRates:
     """The yaw rates of a gyro that rounds to come may need."""
 
     def __init__(self, gyro: Gyro) -> None:
-        self.gyro = gyro
-        self._times, self._rates = check_rates(gyro.times, gyro.yaw_rates)
+        self.gyro, self._times, self._rates = gyro, np.empty(0), np.empty(0)
+        self.add(gyro.times, gyro.yaw_rates)
 
     def add(self, times: ArrayLike, yaw_rates: ArrayLike) -> None:
         """Take the next yaw rates (n,), which are later than those before."""
         known, rates = check_rates(times, yaw_rates)
-        self._times, self._rates = check_rates(
-            np.append(self._times, known), np.append(self._rates, rates)
-        )
+        both = np.append(self._times, known), np.append(self._rates, rates)
+        self._times, self._rates = check_rates(*both)
 
     def before(self, time: float) -> MeanRate | None:
         """The mean of those shortly before a time in s, or at it; all until then are dropped."""

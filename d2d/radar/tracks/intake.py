@@ -56,7 +56,8 @@ class ScanGate:
             return []
         last = max((each.time for each in self._latest.values()), default=scan.time)
         later = latest is None or scan.time > latest.time
-        in_step = later and scan.time <= last + self._reach()
+        slowest = max(map(self._cycle, self._intervals))  # zero while none is known
+        in_step = later and (not slowest or scan.time <= last + max(_STEP, _CYCLES * slowest))
         back = before is not None and scan.time <= before.time
         if before is not None and back and not in_step and scan.time > before.time - _STEP:
             raise ValueError(
@@ -103,11 +104,6 @@ class ScanGate:
     def _cycle(self, sensor: int) -> float:
         """The usual time between two scans of a sensor, in s; zero while it is not known."""
         return median(self._intervals[sensor] or [0.0])
-
-    def _reach(self) -> float:
-        """The longest time in s to the next scan that is in step."""
-        slowest = max(map(self._cycle, self._intervals))
-        return max(_STEP, _CYCLES * slowest) if slowest else np.inf
 
     def _leave_out(self, sensor: int) -> None:
         """Leave out the scans of a sensor that are held back, if there are any."""
