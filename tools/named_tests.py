@@ -30,7 +30,7 @@ def link(app: Any, document: nodes.document, page: str) -> None:
         match = TEST.fullmatch(literal.astext())
         if match:
             address = f"{app.builder.get_relative_uri(page, PAGE)}#{anchor(*match.groups())}"
-            literal.replace_self(nodes.reference("", "", literal.deepcopy(), refuri=address))
+            literal.replace_self(nodes.reference("", "test", refuri=address, reftitle=match[0]))
 
 
 def source_of(module: str, test: str) -> str:
