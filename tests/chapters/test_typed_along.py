@@ -1,10 +1,13 @@
 """The code that a page of the course shows is complete: typed into a file, it runs."""
 
 import os
-import subprocess
-import sys
+import warnings
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 from pathlib import Path
 
+import matplotlib
 import nbformat
 import pytest
 
@@ -29,18 +32,27 @@ def test_the_course_has_at_most_fifteen_pages_and_the_book_twenty_five_notebooks
     assert len(list(CHAPTERS.glob("*.ipynb"))) <= 25
 
 
+@pytest.fixture(scope="module")
+def fresh() -> Iterator[ProcessPoolExecutor]:
+    """A new process for each call, in which no more than the packages is imported."""
+    context = get_context("forkserver")
+    context.set_forkserver_preload(["d2d.study", "d2d.radar", "matplotlib.pyplot"])
+    with ProcessPoolExecutor(1, context, max_tasks_per_child=1) as pool:
+        yield pool
+
+
+def run(code: str) -> None:
+    """Run code as a file of its own, in which a warning is an error."""
+    os.chdir(CHAPTERS)
+    matplotlib.use("agg")
+    warnings.simplefilter("error")
+    exec(compile(code, "typed along", "exec"), {"__name__": "__main__"})
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("path", COURSE, ids=lambda path: path.stem)
-def test_a_reader_can_type_along(path: Path):
+def test_a_reader_can_type_along(path: Path, fresh: ProcessPoolExecutor):
     """Breaks if a page shows code that needs a folded cell, warns, or is a few lines only."""
     code = shown(path)
     assert sum(bool(line.strip()) for line in code.splitlines()) >= LEAST
-    ran = subprocess.run(
-        [sys.executable, "-W", "error", "-c", code],
-        cwd=CHAPTERS,
-        env=os.environ | {"MPLBACKEND": "agg", "PYTHONPATH": str(CHAPTERS.parent)},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert ran.returncode == 0, ran.stderr
+    fresh.submit(run, code).result()
