@@ -8,47 +8,24 @@ its scans (CC BY-NC-SA 4.0, see chapters/data/radarscenes).
 """
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from d2d.radar import Mounting, load_radarscenes
+from d2d.radar import load_radarscenes, track
 from d2d.radar.readers.radarscenes import RADARSCENES_BUDGET
 from d2d.radar.tracks.path import integrate
 from d2d.study.road.estimates import estimates_path, read_estimates
 
 ROOT = Path(__file__).parents[1]
 SCRIPT = ROOT / "_static" / "labs" / "replay_data.js"
-DATA = ROOT / "chapters" / "data" / "radarscenes"
+RECORDING = load_radarscenes(ROOT / "chapters" / "data" / "radarscenes", 105, 3)
 RUN = "sensor 3, baseline 2"
-MOUNTING = Mounting(3.86, 0.7, 0.436)  # of sensor 3, as RadarScenes states it
 
 Array = NDArray[np.float64]
-
-
-def shared_errors(times: Array, theta: Array) -> Array:
-    """Covariances (n, 2, 2) of [v_x, v_y] due to the errors that all targets of a scan share.
-
-    ``theta`` (n, 3) are the velocities that the vehicle had at ``times`` (n,).  Of the data set's
-    budget this is what a single sensor's velocity determines.  A turned sensor turns its own
-    velocity; its Doppler velocities are off along its line of sight, as if all targets were there;
-    a scale is along the velocity, and a lag along the acceleration.  The dependence of neighbouring
-    targets is left out: it needs the targets, which are not stored.
-    """
-    v_x, v_y, omega = theta.T
-    acceleration = np.gradient(theta[:, :2], times, axis=0)
-    budget, yaw = RADARSCENES_BUDGET, MOUNTING.yaw
-    ahead = np.broadcast_to([np.cos(yaw), np.sin(yaw)], acceleration.shape)
-    turned = np.column_stack([omega * -MOUNTING.x - v_y, v_x - omega * MOUNTING.y])
-    effects = (
-        budget.azimuth * turned,
-        budget.doppler * ahead,
-        budget.scale * theta[:, :2],
-        budget.lag * acceleration,
-    )
-    return np.asarray(sum(each[:, :, None] * each[:, None, :] for each in effects))
 
 
 def drive() -> dict[str, Array]:
@@ -58,13 +35,15 @@ def drive() -> dict[str, Array]:
     v_x and v_y in m/s, and the entries xx, xy, yy of the two covariances stated for them.
     """
     result = read_estimates(estimates_path(105))[RUN]
-    judged, track, reference = result.judged, result.track, result.reference
+    judged, bare, reference = result.judged, result.track, result.reference
     assert judged.share == 1.0  # so that rows of the track are rows of the comparison
-    own, true = (integrate(theta, track.intervals)[1:] for theta in (track.theta, reference))
+    own, true = (integrate(theta, bare.intervals)[1:] for theta in (bare.theta, reference))
     hessian = judged.covariances[:, :2, :2]
-    budget = hessian + shared_errors(track.times, reference)
+    shared = replace(RADARSCENES_BUDGET, neighbours=0.0)  # errors of whole scans
+    budgeted = track(RECORDING, baseline=2, budget=shared)
+    budget = hessian + budgeted.systematic[:, :2, :2]
     return {
-        "time": track.times,
+        "time": bare.times,
         **dict(zip(("x", "y", "yaw"), own.T, strict=True)),
         **dict(zip(("trueX", "trueY"), true.T, strict=False)),
         **dict(zip(("errorX", "errorY"), judged.errors.T, strict=False)),
@@ -82,10 +61,9 @@ def pairs(start: float) -> list[list[float]]:
     The times count as the estimates do, the first of which is at ``start``; the targets are those
     within 75 m, in the vehicle's frame.
     """
-    scans = load_radarscenes(DATA, 105, 3).scans
-    listed = []
+    scans, listed = RECORDING.scans, []
     for scan in (scans[k + late] for k in range(0, len(scans) - 4, 12) for late in (0, 4)):
-        means = scan.point_set(MOUNTING).means[scan.range < 75.0]
+        means = scan.point_set(RECORDING.mounting).means[scan.range < 75.0]
         time = scan.time - scans[1].time + start
         listed.append([round(time, 3), *np.rint(10.0 * means).astype(int).ravel().tolist()])
     return listed
