@@ -27,7 +27,6 @@ from d2d import (
     start_grid,
     whiten,
 )
-from d2d._checks import ANGLE, FINITE, METRES, NOT_NEGATIVE, POSITIVE, Bounds
 
 NAN, INF, EYE = np.nan, np.inf, np.eye(2)
 MEANS = np.array([[8.0, 1.0], [5.0, -3.0], [6.0, 4.0]])
@@ -270,8 +269,6 @@ MISTAKES: dict[str, tuple[Callable[..., Any], dict[str, Any], dict[str, Any]]] =
     ),
 }
 
-VALUES = np.array([-INF, -400.0, -6.3, -1.0, 0.0, 1e-300, 1.0, 6.3, 400.0, INF, NAN])
-
 
 @pytest.mark.parametrize("called", MISTAKES)
 def test_a_mistake_is_refused_by_name(called):
@@ -286,25 +283,6 @@ def test_a_mistake_is_refused_by_name(called):
                     function(**(good | change))
             except pytest.fail.Exception as unnoticed:
                 raise AssertionError(f"{called}({change})") from unnoticed
-
-
-def test_what_is_held_is_what_is_not_refused():
-    """Breaks if a reader leaves out other targets than a scan refuses."""
-    for bounds, held in (
-        (FINITE, VALUES[1:9]),
-        (POSITIVE, VALUES[5:9]),
-        (NOT_NEGATIVE, VALUES[4:9]),
-        (ANGLE, VALUES[3:7]),
-        (METRES._replace(above=0.0, most=10.0), VALUES[5:8]),
-        (Bounds(above=-1.0, least=0.5), VALUES[6:9]),
-    ):
-        assert VALUES[bounds.hold(VALUES)].tolist() == held.tolist()
-        assert bounds.array("these", held).tolist() == held.tolist()
-        for value in VALUES[~bounds.hold(VALUES)]:
-            with pytest.raises(ValueError, match=r"^this must be (?!.*holds -?\d)"):
-                bounds.number("this", value)
-            with pytest.raises(ValueError, match=r"^these must be .*holds"):
-                bounds.array("these", [*held, value])
 
 
 def test_what_is_no_sequence_cannot_be_looped_over():

@@ -5,14 +5,12 @@ import pytest
 from scipy.optimize import approx_fprime, least_squares
 
 from benchmarks.methods import Effort, initial_motion, one_per_call
-from benchmarks.numpy_cost import NumpyCost, minimise
+from benchmarks.numpy_cost import NumpyCost
 from benchmarks.scenes import (
     accuracy,
     draw,
     known_correspondences,
-    motion,
     scene,
-    transform,
 )
 from d2d import CorruptedGaussian, RegistrationCost, register, rigid
 from d2d.study.plane.scenarios import OVERLAPPED
@@ -31,16 +29,6 @@ def test_numpy_cost_is_the_registration_cost(outlier, offset):
     assert ours.value(theta) == pytest.approx(float(value), rel=1e-12)
     assert ours.value_and_gradient(theta)[0] == ours.value(theta)
     np.testing.assert_allclose(ours.value_and_gradient(theta)[1], gradient, rtol=1e-9, atol=1e-9)
-
-
-@pytest.mark.parametrize("method", ["BFGS", "L-BFGS-B"])
-@pytest.mark.parametrize("with_gradient", [False, True])
-def test_scipy_finds_the_same_optimum(method, with_gradient):
-    draws = draw(OVERLAPPED, 1, seed=1)
-    cost = NumpyCost(draws.fixed[0], draws.moving[0])
-    found = minimise(cost, draws.theta, method, with_gradient)
-    expected = register(draws.fixed[0], draws.moving[0], None, draws.theta).theta
-    np.testing.assert_allclose(found, expected, atol=1e-4)
 
 
 def test_floor_solves_the_weighted_least_squares_of_the_true_pairs():
@@ -75,14 +63,6 @@ def test_accuracy_counts_who_ends_at_the_truth():
     judged = accuracy(np.array([near, far]), floor, theta, only_at_truth=False)
     assert judged.translation == pytest.approx(np.sqrt((0.2**2 + 4.0**2) / 2.0))
     assert accuracy(around[None], floor, theta, only_at_truth=False).rotation < 1e-9
-
-
-def test_motions_survive_the_way_through_space():
-    theta = np.array([5.0, -1.0, 2.5])
-    np.testing.assert_allclose(motion(transform(theta)), theta)
-    point = np.array([3.0, 4.0])
-    moved = transform(theta) @ [*point, 0.0, 1.0]
-    np.testing.assert_allclose(moved[:2], rigid.transform_means(theta, point[None])[0])
 
 
 @pytest.mark.parametrize("start", ["truth", "off", "zero"])

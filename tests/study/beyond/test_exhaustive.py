@@ -61,16 +61,6 @@ def test_outcome_counts_what_a_loop_counts() -> None:
     assert found["iterations"] == 7.0
 
 
-def test_inlier_share_at_the_truth_is_the_share_of_shared_targets() -> None:
-    """Breaks if the probabilities are taken somewhere else than at the optimum."""
-    trial = Trial("start", "robust", outlier_share=0.2)
-    shares, right = exhaustive.inlier_shares(trial)
-    assert right.mean() > 0.99
-    assert_allclose(np.median(shares), 0.8, atol=0.03)
-    shares, right = exhaustive.inlier_shares(Trial("s", "robust", distance_m=15.0))
-    assert shares[~right].max() < 0.7
-
-
 def test_the_table_holds_every_condition_and_a_million_runs() -> None:
     """Breaks if the conditions change and the table is not made again."""
     rows = read_table()

@@ -8,26 +8,16 @@ from numpy.testing import assert_allclose
 from scipy.integrate import cumulative_trapezoid
 
 from d2d.radar import (
-    ErrorBudget,
-    Mounting,
-    Recording,
     Reference,
-    Sensor,
-    SensorErrors,
     Track,
-    load_radarscenes,
-    simulate_drive,
 )
-from d2d.study.road import every_drive
 from d2d.study.road.displacements import (
     LENGTH,
     by_its_velocities,
     drift,
     span_errors,
 )
-from d2d.study.road.drive import DATA_SETS, Drive, find_drives, pick
-
-BUDGET = ErrorBudget(azimuth=0.005, doppler=0.05)
+from d2d.study.road.drive import find_drives, pick
 
 
 def root(folder, *sequences: int):
@@ -35,24 +25,6 @@ def root(folder, *sequences: int):
     for number in sequences:
         (folder / "data" / f"sequence_{number}").mkdir(parents=True)
     return folder
-
-
-@pytest.fixture(scope="module")
-def drive():
-    """Two radars of a robot, which hardly accelerates, with slow errors of their own."""
-    rng, recordings, world = np.random.default_rng(4), [], None
-    for yaw, doppler in ((0.4, 0.07), (-0.4, 0.04)):
-        simulated = simulate_drive(
-            rng,
-            12.0,
-            mounting=Mounting(2.0, yaw, yaw),
-            sensor=Sensor(quantised=False, clutter=0.0),
-            world=world,
-            errors=SensorErrors(azimuth=0.005, doppler=doppler),
-        )
-        world = simulated.world
-        recordings.append(Recording(simulated.scans, simulated.mounting, simulated.truth, BUDGET))
-    return Drive("a robot", recordings)
 
 
 # ---- Where drives are
@@ -71,28 +43,6 @@ def test_finds_each_drive_once_and_in_order(tmp_path):
         pick(found, ["9", "109"])
     with pytest.raises(ValueError, match="holds no drive"):
         find_drives([whole, tmp_path])
-
-
-def test_each_drive_has_a_row_with_its_errors_or_the_reason(drive, tmp_path, monkeypatch):
-    """Breaks if a drive that cannot be read ends the run or looks like a result."""
-
-    def load(root, name, sensor):
-        if name == "1":
-            return load_radarscenes(root, name, sensor)
-        return drive.recordings[sensor - 1]
-
-    own = DATA_SETS["RadarScenes"]._replace(load=load, sensors=(1, 2))
-    monkeypatch.setitem(DATA_SETS, "RadarScenes", own)
-    table = every_drive.table_of(find_drives([root(tmp_path, 1, 2)])["RadarScenes"])
-    failed, row = table.set_index("drive").loc[["1", "2"]].itertuples()
-    assert "FileNotFoundError" in failed.reason
-    assert np.isnan(failed.anees)
-    assert (row.reason, row.radars) == ("", 2)
-    judged = drive.compare(horizon=0.3, budget=BUDGET)
-    assert row.anees == judged.measures.anees
-    assert_allclose(
-        table.loc[1, ["rmse v_x", "rmse v_y", "rmse omega"]].to_numpy(float), judged.rmse
-    )
 
 
 # ---- Displacements
