@@ -906,7 +906,7 @@ globalThis.tracker = (function radarTracker() {
       changes = (1 - lasts) / own.length,
       shares = own.map((share) => lasts * share + changes),
       mixed = shares.map((share, i) => combined(own.map((from, k) => (from * (changes + (i === k ? lasts : 0))) / share), modes));
-    return { time, shares, modes: mixed.map((belief, i) => moved(belief, passed, JERK_SCALES[i])) };
+    return { time, passed, shares, modes: mixed.map((belief, i) => moved(belief, passed, JERK_SCALES[i])) };
   }
 
   /** A belief after a time, in which the acceleration walks and the slow errors change. */
@@ -926,8 +926,12 @@ globalThis.tracker = (function radarTracker() {
   }
 
   /** The mixture after an estimate at its time; where no mode explains the estimate, it begins anew. */
-  function update({ time, shares, modes }, given) {
-    const found = modes.map((belief) => updated(belief, given));
+  function update({ time, passed, shares, modes }, given) {
+    const { delay, white } = given,
+      interval = 2 * Math.abs(delay[2][2]),
+      uneven = product(product(delay, diagonal(JERK)), transposed(delay)),
+      added = Math.max(interval / 5, interval ** 2 / (9 * passed)),
+      found = modes.map((belief, i) => updated(belief, { ...given, white: sum(white, scaled(uneven, added * JERK_SCALES[i])) }));
     if (Math.min(...found.map(({ squares }) => squares)) > IMPLAUSIBLE ** 2) return begin(time, given);
     const most = Math.max(...found.map(({ evidence }) => evidence)),
       weights = found.map(({ evidence }, i) => shares[i] * Math.exp(evidence - most)),

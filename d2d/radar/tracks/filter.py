@@ -18,13 +18,13 @@ and a time dt, with k = exp(-dt / PERSISTENCE),
 
     F x      F P F' + Q      k F C
 
+Positions show the mean velocity over an interval h, which the delay of h / 2 explains for an even
+acceleration.  A jerk adds its variance times h^3 / 20, which lasts for 5 h / 9: to estimates that
+are nearer together it adds more.
+
 How fast the acceleration changes depends on the road.  Three such filters run side by side; each
 weighs as much as it predicts the estimates, and what they know is mixed before each prediction, as
 the driver may have changed the mode (interacting multiple models: Blom & Bar-Shalom 1988).
-
-Neighbouring estimates share scans, and their noise cancels in part over more than the horizon.  The
-filter takes it as independent: of a vehicle that drives evenly for long, it states up to half as
-much again as there is.
 """
 
 from typing import NamedTuple
@@ -44,9 +44,8 @@ UNKNOWN = np.diag(np.square([1.3, 0.09, 0.12]))
 UNSEEN = Acceleration(np.zeros(3), UNKNOWN)
 JERK = np.diag(np.square([1.5, 0.0225, 0.0375]))  # variances per s
 
-# Evenly, in bends and at the corners of a yard, times JERK.  Any of the three by half or twice as
-# much, or another mode, changes the log score of seven recorded drives by 0.02 at most.  One mode
-# alone loses 0.05 there, and is six times too sure of a car that takes corners at 8 m/s.
+# Evenly, in bends, at corners: times JERK.  Any of the three by half or twice as much, or another
+# mode, changes the log score of seven recorded drives by 0.02 at most; one mode alone loses 0.05.
 JERK_SCALES = np.array([1.0, 10.0, 100.0])
 _MODE_DURATION = 5.0  # s on average; 2 to 60 s are as good
 PERSISTENCE = 15.0  # s: errors of v_x on a RadarScenes drive correlate by 0.54 after 7.5 s
@@ -89,8 +88,7 @@ class Mixture(NamedTuple):
     modes: Belief
     predicted: Array | None = None  # (m,) those before the estimate; None where the filter begins
     passed: float = 0.0  # s, since the estimate before
-    # (n, n + k), from the errors of state and slow errors at the estimate before to the state's
-    transition: Array | None = None
+    transition: Array | None = None  # (n, n + k) of errors, from the estimate before to this one
 
     @property
     def whole(self) -> Belief:
@@ -169,7 +167,11 @@ def update(predicted: Mixture, given: FilterInput) -> Mixture:
     means = predicted.modes.mean
     to = np.pad(np.hstack([np.eye(3), given.delay]), [(0, 0), (0, means.shape[-1] - 6)])
     slow = np.stack([np.column_stack([given.slow, -given.lag * each[3:6]]) for each in means])
-    found, squares = _updated(predicted, given.velocity, to, slow, given.white)
+    interval = 2.0 * abs(given.delay[2, 2])
+    uneven = max(interval / 5.0, interval**2 / (9.0 * predicted.passed))
+    uneven *= given.delay @ JERK @ given.delay.T
+    white = given.white + JERK_SCALES[:, None, None] * uneven
+    found, squares = _updated(predicted, given.velocity, to, slow, white)
     if squares > _IMPLAUSIBLE**2:
         return begin(predicted.time, given, bias=bias_of(predicted))
     return found
@@ -263,8 +265,7 @@ def smooth_mixtures(filtered: list[Mixture]) -> list[Mixture]:
     """The beliefs from all estimates, before and after each, from those after each.
 
     The smoother of Rauch, Tung & Striebel (1965) for each pair of successive modes, weighted by how
-    probable it is after all (Kim 1994).  Its gains are those for known slow errors, of which the
-    covariance P - C C' is free; the effect of these errors follows the mean.
+    probable it is after all (Kim 1994).  Its gains are those for known slow errors (P - C C').
     """
     smoothed = filtered.copy()
     for i in reversed(range(len(filtered) - 1)):
