@@ -7,6 +7,7 @@ import itertools
 import math
 import os
 import re
+import shlex
 import sys
 import tempfile
 import threading
@@ -20,7 +21,7 @@ from typing import Any
 import numpy as np
 
 import d2d
-from d2d._checks import NOT_NEGATIVE, Bounds, check_path
+from d2d._checks import check_path
 from d2d.radar.evaluation.calibrate import calibrate
 from d2d.radar.evaluation.compare import check_reference, compare
 from d2d.radar.evaluation.diagnose import Finding, agreement, diagnose
@@ -44,8 +45,6 @@ from d2d.radar.tracks.track import Track
 from d2d.radar.tracks.tracker import Tracker, track
 
 PROGRAM = "python -m d2d.radar"
-
-_DEGREES = Bounds(least=0.0, most=360.0, unit="in degrees, ")
 
 # Limits of vehicles that are not a car's.
 VEHICLES: dict[str, dict[str, float]] = {
@@ -136,7 +135,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # a terminal may know no letters beyond ASCII
             stream.reconfigure(errors="replace")
-    arguments = _parser().parse_args(argv)
+    words = sys.argv[1:] if argv is None else argv
+    arguments = _parser().parse_args(words, argparse.Namespace(words=words))
     _check_options(arguments)
     try:
         with _plain_warnings():
@@ -280,7 +280,7 @@ def _source(arguments: argparse.Namespace) -> Source:
     options = vars(arguments)
     reader = next(each for name, each in READERS.items() if options.get(name) is not None)
     sensors, budget = reader.read(options[reader.name], options)
-    gates, extent = _gates(arguments), options.get("extent")
+    gates, extent = {name: options[name] for name in GATES}, options.get("extent")
 
     def used(scan: RadarScan) -> RadarScan:
         kept = scan.within(**gates)
@@ -292,24 +292,11 @@ def _source(arguments: argparse.Namespace) -> Source:
     )
 
 
-def _gates(arguments: argparse.Namespace) -> dict[str, Any]:
-    """The gates that the arguments give, in m and rad."""
-    given = {name: getattr(arguments, name) for name in GATES}
-    return {
-        name: gate if gate is None or name == "range" else np.deg2rad(gate)
-        for name, gate in given.items()
-    }
-
-
 def _options(arguments: argparse.Namespace, budget: ErrorBudget) -> dict[str, Any]:
     """The options of `track` and `Tracker` that the arguments give."""
     given = {name.partition("_")[2]: getattr(arguments, name) for name in BUDGET}
-    if given["azimuth"] is not None:
-        given["azimuth"] = math.radians(_DEGREES.number("--budget-azimuth", given["azimuth"]))
     known = {name: value for name, value in given.items() if value is not None}
     slip = arguments.side_slip
-    if slip is not None:
-        NOT_NEGATIVE.number("--side-slip", slip)
     return {
         "baseline": arguments.baseline,
         "horizon": arguments.horizon,
@@ -323,7 +310,7 @@ def _options(arguments: argparse.Namespace, budget: ErrorBudget) -> dict[str, An
 def _gyro(options: dict[str, Any]) -> Gyro | None:
     """The gyro of the options, with its yaw rates if they are in a file."""
     stated = {name: options[f"gyro_{name}"] for name in ("sigma", "bias")}
-    known: dict[str, Any] = {n: math.radians(v) for n, v in stated.items() if v is not None}
+    known: dict[str, Any] = {name: value for name, value in stated.items() if value is not None}
     if options.get("gyro") is not None:
         times, rates = load_gyro(options["gyro"], options["gyro_topic"])
         return Gyro(times=times, yaw_rates=rates, **known)
@@ -334,12 +321,9 @@ def _gyro(options: dict[str, Any]) -> Gyro | None:
 
 def _limits(options: dict[str, Any]) -> VehicleLimits:
     """The limits of the vehicle that the options name, with the numbers that they give."""
-    known = dict(VEHICLES[options["vehicle"]])
-    for (name, how), field in zip(LIMITS.items(), fields(VehicleLimits), strict=True):
-        if (given := options[name]) is not None:
-            in_degrees = how["metavar"].startswith("DEG")
-            known[field.name] = math.radians(given) if in_degrees else given
-    return VehicleLimits(**known)
+    named = zip(fields(VehicleLimits), LIMITS, strict=True)
+    known = {field.name: options[name] for field, name in named if options[name] is not None}
+    return VehicleLimits(**VEHICLES[options["vehicle"]] | known)
 
 
 # ---- What the commands do
@@ -369,9 +353,9 @@ def _track(arguments: argparse.Namespace) -> int:
         own = prefix if len(parts) == 1 else prefix.with_name(f"{prefix.name}_{number}")
         written += _write(part, own, picture=not arguments.no_picture)
     if arguments.report is not None:
-        given = {_flag(n): v for n, v in vars(arguments).items() if v and not callable(v)}
+        settings = {"command": shlex.join(arguments.words), **options}
         named = [_plain(finding) for finding in findings]
-        page = report_page(prefix.name, sensors, driven, named, given | options)
+        page = report_page(prefix.name, sensors, driven, named, settings)
         check_path("report", arguments.report).write_text(page, encoding="utf-8")
         written.append(Path(arguments.report))
     if arguments.output_bag is not None:
@@ -419,7 +403,7 @@ def _live(arguments: argparse.Namespace) -> None:
 
     sigmas = options_of(vars(arguments))
     degrees = bool(arguments.degrees)
-    gates = _gates(arguments)
+    gates = {name: getattr(arguments, name) for name in GATES}
     for line in estimates_of(sys.stdin, tracker, _complain, gates, degrees=degrees, **sigmas):
         print(line, flush=True)
 

@@ -161,7 +161,7 @@ def test_a_report_is_one_page(log, capsys):
     text = page.read_text(encoding="utf-8")
     assert "a mounting is turned" in text
     assert len(re.findall('src="data:image/png;base64', text)) == 2
-    assert "<td>--side-slip</td><td>0.05</td>" in text
+    assert "--side-slip 0.05" in text
     assert not re.search(r'(src|href)="(?!data:)|<script', text)
 
 
@@ -252,13 +252,10 @@ def test_missing_files_and_wrong_values_are_named(log, capsys):
         (tracked(log, "--baseline", "0"), "baseline must be"),
         (tracked(log, "--budget-lag", "-1"), "lag must be at least 0, but is -1"),
         (tracked(log, "--max-acceleration", "-1"), "acceleration must be positive"),
-        (tracked(log, "--side-slip", "-0.1"), "--side-slip must be at least 0, but is -0.1"),
-        (tracked(log, "--side-slip", "nan"), "--side-slip must be finite"),
-        (tracked(log, "--budget-azimuth", "-1"), "--budget-azimuth must be at least 0, but is -1"),
-        (
-            tracked(log, "--budget-azimuth", "400"),
-            "--budget-azimuth must be in degrees, at most 360, but is 400",
-        ),
+        (tracked(log, "--side-slip", "-0.1"), "side_slip must be"),
+        (tracked(log, "--side-slip", "nan"), "side_slip must be"),
+        (tracked(log, "--budget-azimuth", "-1"), "azimuth must be at least 0"),
+        (tracked(log, "--budget-azimuth", "400"), "azimuth must be in radians (rad), at most 6.28"),
         (scenes, "should be the folder `data`"),
         ([*scenes, "2", "1"], "1 is given twice"),
         (

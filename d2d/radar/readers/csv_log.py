@@ -101,8 +101,10 @@ def load_csv(
     given = dict(zip(SIGMAS, (sigma_range, sigma_azimuth, sigma_doppler), strict=True))
     sigmas = {n: check_positive_scalar(n, sigma) for n, sigma in given.items() if sigma is not None}
     gap = NOT_NEGATIVE.number("scan_gap", scan_gap)
-    for name in named:
+    for name, column in named.items():
         check_choice("columns", name, _QUANTITIES)
+        if not column:
+            raise ValueError(f"columns must name the column of {name}, as in {name}=COLUMN")
     stated = dict.fromkeys(ANGLES, "deg") if degrees else {}
     if time_unit is not None:
         check_choice("time_unit", time_unit, _TIME_UNITS)
@@ -225,9 +227,12 @@ def _read(paths: list[str], chosen: Mapping[str, Any]) -> Source:
     mountings = mountings_of(chosen)
     scans: dict[str, list[RadarScan]] = {}
     names = ("time_unit", "degrees", "scan_gap", "skip_invalid", "min_snr")
-    given = {"columns": _pairs(chosen["columns"]), **options_of(chosen, *names)}
+    pairs = [pair.partition("=") for pair in (chosen["columns"] or "").split(",") if pair]
+    given = {"columns": {n: c for n, _, c in pairs}, **options_of(chosen, *names)}
     for source in paths:
-        name, path = _named(source)
+        name, equals, path = source.partition("=")
+        if not equals or os.path.exists(source):  # without a name
+            name, path = "", source
         read = load_csv(path, **given)
         if name and len(read) > 1:
             raise ValueError(f"--csv {source}: the file has several sensors, {', '.join(read)}")
@@ -240,24 +245,6 @@ def _read(paths: list[str], chosen: Mapping[str, Any]) -> Source:
             "YAW"
         )
     return Source({name: (own, mountings[name]) for name, own in scans.items()})
-
-
-def _named(source: str) -> tuple[str, str]:
-    """Name and path of NAME=FILE; a path alone has no name."""
-    name, equals, path = source.partition("=")
-    return (name, path) if equals and not os.path.exists(source) else ("", source)
-
-
-def _pairs(text: str | None) -> dict[str, str]:
-    """The columns that --columns names."""
-    pairs = [pair.partition("=") for pair in (text or "").split(",") if pair]
-    for name, _, column in pairs:
-        if not column or name not in _QUANTITIES:
-            raise ValueError(
-                f"--columns must be like time=time_ns,range=dist, with names out of "
-                f"{', '.join(_QUANTITIES)}, but has {name!r}"
-            )
-    return {name: column for name, _, column in pairs}
 
 
 READER = Reader(

@@ -128,14 +128,8 @@ def load_nuscenes(
     strongest, extent
         As for `load_radarscenes`.
     """
-    own = shared.TargetOptions(
-        strongest,
-        time_offset,
-        sigma_azimuth,
-        sigma_range=sigma_range,
-        sigma_doppler=sigma_doppler,
-        extent=extent,
-    )
+    sigmas = sigma_range, sigma_azimuth, sigma_doppler
+    own = shared.TargetOptions(strongest, time_offset, *sigmas, extent)
     _PREDICTION.number("prediction_time", prediction_time)
     if speed_factor is not None:
         check_positive_scalar("speed_factor", speed_factor)

@@ -44,8 +44,7 @@ _ODOMETRY_FIELDS = ("timestamp", "x_seq", "y_seq", "yaw_seq", "vx", "yaw_rate")
 def azimuth_sigma(azimuth: Array) -> Array:
     """Standard deviation of the azimuth, rad: 0.3 deg up to 45 deg, then 0.5 rising to 1 deg at 60.
 
-    It stands in for the standard deviations that the data set does not give, and fits the residuals
-    of the data.
+    The data set gives none; it fits the residuals.
     """
     off = np.abs(np.rad2deg(azimuth))
     return np.deg2rad(np.where(off <= 45.0, 0.3, np.interp(off, [45.0, 60.0], [0.5, 1.0])))
@@ -86,24 +85,17 @@ def load_radarscenes(
         Delay of the radar's time stamps: a scan at t shows the motion of the odometry at t -
         time_offset.  `calibrate` finds 0.121 +- 0.015 s from four sensors in sequence 105.
     slip : SlipLaw
-        The odometry has no lateral velocity; it is taken from this law.  Likewise found there, with
-        the origin on the rear axle: 0.0045 +- 0.0002 s^2/m.
+        Of the lateral velocity, which the odometry has not.  Likewise found there, with the origin
+        on the rear axle: 0.0045 +- 0.0002 s^2/m.
     side_slip : float, s, optional
         In place of ``slip``: v_y = side_slip v_x omega.
     sigma_range, sigma_azimuth, sigma_doppler : float, m, rad, m/s
-        Standard deviations, which the data set does not give.  That of the azimuth may be a
-        function of the azimuths (K,).
+        That of the azimuth may be a function of the azimuths (K,).
     extent : float, m
         Scatter of the points at which objects are seen; see `RadarScan`.
     """
-    own = shared.TargetOptions(
-        strongest,
-        time_offset,
-        sigma_azimuth,
-        sigma_range=sigma_range,
-        sigma_doppler=sigma_doppler,
-        extent=extent,
-    )
+    sigmas = sigma_range, sigma_azimuth, sigma_doppler
+    own = shared.TargetOptions(strongest, time_offset, *sigmas, extent)
     check_count("sensor", sensor)
     what = "the folder `data` of the RadarScenes data set"
     data = existing(check_path("root", root), "data", what)
@@ -208,10 +200,7 @@ def _scan(
 
 def _reference(times: Array, odometry: Table, offset: float) -> Reference:
     """The odometry at the times of the scans less the offset, with a lateral velocity of zero."""
-    x, y, yaw, v_x, omega = (
-        odometry[field].astype(np.float64)
-        for field in ("x_seq", "y_seq", "yaw_seq", "vx", "yaw_rate")
-    )
+    x, y, yaw, v_x, omega = (odometry[field].astype(np.float64) for field in _ODOMETRY_FIELDS[1:])
     theta, poses = np.column_stack([v_x, 0.0 * v_x, omega]), np.column_stack([x, y, yaw])
     driven = Reference(odometry["timestamp"] * MICROSECOND, theta, poses).at(times - offset)
     return Reference(times, driven.theta, driven.poses)

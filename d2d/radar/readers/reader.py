@@ -16,6 +16,10 @@ _ROW = re.compile(r"^--(\S+)((?: \S+)*)  +(.+(?:\n .+)*)", re.MULTILINE)
 _UNITS = ("S", "M", "DEG", "DB", "SHARE", "M/S", "DEG/S", "M/S^2", "DEG/S^2")
 
 
+def _radians(word: str) -> float:
+    return math.radians(float(word))
+
+
 class Source(NamedTuple):
     """Input of a track: scans and mounting of each sensor, and the errors that targets share."""
 
@@ -41,14 +45,16 @@ class Reader(NamedTuple):
 def option_table(table: str) -> Options:
     """Return the options of lines "--name METAVAR  what it is", by name in Python.
 
-    A METAVAR that is a unit stands for a number, N for a whole number, a|b for a choice, ... for
-    several values; =1 is a default.  An option without one is a flag, which is None if not given.
+    A METAVAR that is a unit stands for a number, which becomes one in rad if it is in degrees, N
+    for a whole number, a|b for a choice, ... for several values; =1 is a default.  An option
+    without one is a flag, which is None if not given.
     """
     found: Options = {}
     for name, metavars, text in _ROW.findall(table):
         words = metavars.replace("...", "").split() or [""]
         metavar, _, default = words[0].partition("=")
-        kind = float if metavar in _UNITS else int if metavar == "N" else str
+        real = _radians if metavar.startswith("DEG") else float
+        kind: Any = real if metavar in _UNITS else int if metavar == "N" else str
         how: dict[str, Any] = {"type": kind, "default": kind(default) if default else None}
         if "|" in metavar:
             how["choices"] = metavar.split("|")
@@ -109,10 +115,7 @@ def mountings_of(chosen: Mapping[str, Any]) -> dict[str, Mounting]:
 
 def options_of(chosen: Mapping[str, Any], *names: str) -> dict[str, Any]:
     """The standard deviations of all targets and other options, as far as they are given."""
-    given = {name: chosen[name] for name in (*SIGMAS, *names) if chosen[name] is not None}
-    if "sigma_azimuth" in given:
-        given["sigma_azimuth"] = math.radians(given["sigma_azimuth"])
-    return given
+    return {name: chosen[name] for name in (*SIGMAS, *names) if chosen[name] is not None}
 
 
 # Of all logs that are no data set.

@@ -6,6 +6,7 @@ import stat
 import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -20,33 +21,35 @@ _OFFSET = SECONDS._replace(most=10.0)  # s, of a radar's clock
 _LARGEST = 2**53  # that float64 holds exactly: 285 years in microseconds
 
 
+@dataclass(frozen=True)
 class TargetOptions:
-    """Targets that a loader keeps, and the standard deviations that a data set does not give."""
+    """Options of the loaders of data sets that do not give standard deviations."""
 
-    def __init__(
-        self,
-        strongest: int | None,
-        time_offset: float,
-        sigma_azimuth: float | Callable[[Array], ArrayLike],
-        **others: float,
-    ) -> None:
-        if strongest is not None:
-            check_count("strongest", strongest)
-        _OFFSET.number("time_offset", time_offset)
-        self._strongest, self._sigma, self._others = strongest, sigma_azimuth, others
+    strongest: int | None
+    time_offset: float
+    sigma_range: float
+    sigma_azimuth: float | Callable[[Array], ArrayLike]
+    sigma_doppler: float
+    extent: float
+
+    def __post_init__(self) -> None:
+        if self.strongest is not None:
+            check_count("strongest", self.strongest)
+        _OFFSET.number("time_offset", self.time_offset)
 
     def kept(self, good: NDArray[np.bool_], cross_section: NDArray[Any]) -> NDArray[np.intp]:
         """Indices of the good targets, of the strongest only if there are more, in their order."""
         keep = np.flatnonzero(good)
-        if self._strongest is None or len(keep) <= self._strongest:
+        if self.strongest is None or len(keep) <= self.strongest:
             return keep
         order = np.argsort(-cross_section[keep], kind="stable")
-        return np.asarray(keep[np.sort(order[: self._strongest])])
+        return np.asarray(keep[np.sort(order[: self.strongest])])
 
     def errors(self, azimuth: Array) -> dict[str, Any]:
         """Arguments of a scan whose targets are at these azimuths (K,)."""
-        sigma = self._sigma(azimuth) if callable(self._sigma) else self._sigma
-        return {"sigma_azimuth": sigma, **self._others}
+        sigma = self.sigma_azimuth
+        given = {name: getattr(self, name) for name in ("sigma_range", "sigma_doppler", "extent")}
+        return given | {"sigma_azimuth": sigma(azimuth) if callable(sigma) else sigma}
 
 
 def yaw_of(w: Array, x: Array, y: Array, z: Array) -> Array:

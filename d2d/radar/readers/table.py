@@ -27,46 +27,34 @@ _LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "km": 1e3}
 _SPEEDS = {"m_per_s": 1.0, "mps": 1.0, "m_s": 1.0, "kmh": 1 / 3.6, "km_h": 1 / 3.6}
 _ANGLES = {"rad": 1.0, "deg": math.pi / 180.0}
 _RATES = {f"{name}{end}": one for name, one in _ANGLES.items() for end in ("_per_s", "_s", "ps")}
+# What a column may hold: its units in terms of the scan's own, and the names that are recognised.
+QUANTITIES: dict[str, tuple[Mapping[str, float], str]] = {
+    "time": (_TIMES, "time timestamp stamp t datetime"),
+    "range": (_LENGTHS, "range distance dist r rho"),
+    "azimuth": (_ANGLES, "azimuth az angle phi"),
+    "elevation": (_ANGLES, "elevation el"),
+    "x": (_LENGTHS, "x pos_x"),
+    "y": (_LENGTHS, "y pos_y"),
+    "z": (_LENGTHS, "z pos_z"),
+    "doppler": (
+        _SPEEDS,
+        "doppler doppler_velocity v_doppler range_rate radial_velocity radial_speed v_r vr "
+        "velocity",
+    ),
+    "sigma_range": (_LENGTHS, "sigma_range"),
+    "sigma_azimuth": (_ANGLES, "sigma_azimuth"),
+    "sigma_doppler": (_SPEEDS, "sigma_doppler"),
+    "sigma_elevation": (_ANGLES, "sigma_elevation"),
+    "snr": ({}, "snr snr_db intensity amplitude power rcs"),
+    "sensor": ({}, "sensor sensor_id"),
+    "frame": ({}, ""),
+    "speed": (_SPEEDS, "speed velocity v"),
+    "yaw_rate": (_RATES | _ANGLES, "yaw_rate yawrate omega gyro_z"),
+}
+TARGET = (*QUANTITIES,)[1:13]  # of a target; the others are of a log or of an odometry
+_TEXTS = ("sensor", "frame")
 _FASTEST = FINITE._replace(
     most=2.0 * np.pi, unit="in rad/s, ", hint="; are these deg/s (column yaw_rate_deg)?"
-)
-
-
-class Quantity(NamedTuple):
-    """Content of a column: names that are recognised, and units in terms of the scan's own."""
-
-    names: tuple[str, ...]
-    units: Mapping[str, float] = {}
-
-
-QUANTITIES = {
-    "time": Quantity(("time", "timestamp", "stamp", "t"), _TIMES),
-    "range": Quantity(("range", "distance", "dist", "r", "rho"), _LENGTHS),
-    "azimuth": Quantity(("azimuth", "az", "angle", "phi"), _ANGLES),
-    "elevation": Quantity(("elevation", "el"), _ANGLES),
-    **{name: Quantity((name, f"pos_{name}"), _LENGTHS) for name in "xyz"},
-    "doppler": Quantity(
-        (
-            *("doppler", "doppler_velocity", "v_doppler", "range_rate", "radial_velocity"),
-            *("radial_speed", "v_r", "vr", "velocity"),
-        ),
-        _SPEEDS,
-    ),
-    "sigma_range": Quantity(("sigma_range",), _LENGTHS),
-    "sigma_azimuth": Quantity(("sigma_azimuth",), _ANGLES),
-    "sigma_doppler": Quantity(("sigma_doppler",), _SPEEDS),
-    "sigma_elevation": Quantity(("sigma_elevation",), _ANGLES),
-    "snr": Quantity(("snr", "snr_db", "intensity", "amplitude", "power", "rcs")),
-    "sensor": Quantity(("sensor", "sensor_id")),
-    "frame": Quantity(()),
-    "speed": Quantity(("speed", "velocity", "v"), _SPEEDS),
-    "yaw_rate": Quantity(("yaw_rate", "yawrate", "omega", "gyro_z"), _RATES | _ANGLES),
-}
-_TEXTS = ("sensor", "frame")
-# Of a target; the others are of a log or of an odometry.
-TARGET = (
-    *("range", "azimuth", "elevation", "x", "y", "z", "doppler", "snr"),
-    *("sigma_range", "sigma_azimuth", "sigma_doppler", "sigma_elevation"),
 )
 # Between those that RadarScenes, nuScenes and the thesis's radar have.
 _USUAL = {"sigma_range": 0.15, "sigma_azimuth": math.radians(0.5), "sigma_doppler": 0.06}
@@ -143,8 +131,8 @@ def recognised(
 
     A minus sign before it turns the sign.  The unit is at the end of the name, or the ``stated``.
     """
-    known, units = QUANTITIES[quantity]
-    usual = (f"{name}_{unit}" if unit else name for name in known for unit in ("", *units))
+    units, known = QUANTITIES[quantity]
+    usual = (f"{name}_{unit}" if unit else name for name in known.split() for unit in ("", *units))
     plain = _plain(wanted.strip().removeprefix("-"))
     name = next((each for each in ([plain] if plain else usual) if each in names), None)
     if name is None:

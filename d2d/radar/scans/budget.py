@@ -16,10 +16,9 @@ _SIGMA = NOT_NEGATIVE._replace(most=1e3)
 class ErrorBudget(Bounded):
     """Standard deviations of the errors that many targets share, or that no target explains.
 
-    The inverse Hessian takes the errors of all targets as independent, so it becomes ever smaller
-    with their number.  Errors that they share do not average out.  The covariance of a track is
-    the propagated noise of the single targets plus the effect of these other errors.  What is
-    estimated does not depend on them.
+    The inverse Hessian takes the errors of all targets as independent, but errors that they share
+    do not average out.  The covariance of a track is the propagated noise of the single targets
+    plus the effect of these other errors, on which the estimates do not depend.
 
     Raises a ``ValueError`` if a number is negative or above 1000, or the azimuth's above 2 pi.
 
@@ -28,11 +27,9 @@ class ErrorBudget(Bounded):
     azimuth : float, rad
         Of an azimuth bias of each sensor, the error of its mounting angle included.
     doppler : float, m/s
-        Of an error of all Doppler velocities of a sensor's scan: rounding that its static targets
-        share, drift of the oscillator, multipath.
+        Of an error of all Doppler velocities of a sensor's scan, such as rounding that they share.
     scale : float
-        Of a relative error of the Doppler velocities of all sensors, or of the speed of what they
-        are compared with.
+        Of a relative error of the Doppler velocities of all sensors, or of a reference's speed.
     lag : float, s
         Of the time to which an estimate belongs; its effect is the vehicle's acceleration times it.
     neighbours : float, m
@@ -41,9 +38,8 @@ class ErrorBudget(Bounded):
     source : str
         Where the numbers come from.
     v_x, v_y, omega : float, m/s, m/s, rad/s
-        Of errors of the velocity itself, the same whatever the targets and sensors.  `fit_budget`
-        finds them from a reference; then they stand for what the other numbers explain, so that
-        these are best left at zero.
+        Of errors of the velocity itself, whatever the targets and sensors.  If `fit_budget` finds
+        them from a reference, the other numbers are best left at zero.
     """
 
     azimuth: float = number(0.0, ANGLE._replace(least=0.0))
@@ -67,9 +63,9 @@ class CovarianceParts(NamedTuple):
 
     ``noise`` is that of the targets' independent errors, and of the acceleration by which estimates
     are carried to their times; ``dependence`` is what the correlation of neighbouring targets adds.
-    The ``systematic`` part is of the errors that all targets of a scan, or all sensors, share, of
-    those of the velocity itself, and of the prior on the side slip.  It changes slowly, so that a
-    filter must not take it as white noise; `FilterInput` has it as columns for the filter's state.
+    The ``systematic`` part is of shared errors, of those of the velocity itself, and of the prior
+    on the side slip.  It changes slowly: a filter must not take it as white noise; `FilterInput`
+    has it as columns for the filter's state.
     """
 
     noise: Array

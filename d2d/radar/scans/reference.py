@@ -29,9 +29,8 @@ class Reference:
     """The motion at the time of each scan: the truth of a simulation, or from another sensor.
 
     At the ``times`` (n,) in s, ``theta`` (n, 3) is the velocity [v_x, v_y, omega] of the vehicle
-    frame's origin in m/s, m/s, rad/s, along the vehicle's axes, and ``poses`` (n, 3) the pose
-    [x, y, yaw] of the vehicle frame in the world, in m, m, rad; yaw may wrap.  Velocities and poses
-    are nan where they are not known.
+    frame's origin along its axes, in m/s, m/s, rad/s, and ``poses`` (n, 3) the pose [x, y, yaw] in
+    the world, in m, m, rad; yaw may wrap.  Both are nan where they are not known.
     """
 
     times: Array
@@ -52,11 +51,10 @@ class Reference:
     ) -> "Reference":
         """The motion at ``times`` from poses alone, such as those of a localisation.
 
-        The poses (n, 3) [x, y, yaw] in m, m, rad were measured at ``stamps`` (n,) in s, which
-        strictly increase.  A parabola is fitted to those within ``half_width`` (s) of a time; its
-        value and slope are pose and velocity (a Savitzky-Golay filter for stamps that are not
-        evenly spaced).  They are nan where poses are missing before or after the time, or fewer
-        than five are within reach.
+        The poses (n, 3) were measured at ``stamps`` (n,) in s, which strictly increase.  A parabola
+        is fitted to those within ``half_width`` (s) of a time; its value and slope are pose and
+        velocity (a Savitzky-Golay filter for stamps that are not evenly spaced).  They are nan
+        where poses are missing before or after the time, or fewer than five are within reach.
         """
         known = check_finite("stamps", stamps, "(n,)")
         wanted = check_finite("times", times, "(n,)")
@@ -113,10 +111,9 @@ class Recording:
 class SlipLaw(Bounded):
     """The lateral velocity in a steady bend, v_y = (ahead - compliance v_x^2) omega.
 
-    In a bend, the lateral acceleration v_x omega needs a lateral force of the rear tyres, and so a
-    slip angle -compliance v_x omega of the rear axle (linear single-track model: Riekert & Schunck
-    1940), with ``compliance`` in s^2/m.  The vehicle frame's origin, ``ahead`` metres ahead of the
-    axle, also moves sideways because of the rotation.
+    The lateral acceleration v_x omega of a bend needs a slip angle -compliance v_x omega of the
+    rear axle (linear single-track model: Riekert & Schunck 1940), with ``compliance`` in s^2/m.
+    The vehicle frame's origin, ``ahead`` metres ahead of it, also moves because of the rotation.
     """
 
     ahead: float = number(0.0)

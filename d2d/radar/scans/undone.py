@@ -12,10 +12,7 @@ from d2d.radar.scans.scan import Mounting, RadarScan, doppler_velocity
 def over_ground_undone(
     scans: Sequence[RadarScan], theta: Array, mounting: Mounting
 ) -> list[RadarScan]:
-    """Doppler velocities as measured, from those over ground and velocities (n, 3) of the vehicle.
-
-    They must be the velocities with which the sensor compensated its own motion.
-    """
+    """Scans as measured, of a sensor that compensated its motion by velocities (n, 3) ``theta``."""
     return [
         replace(scan, doppler=scan.doppler + doppler_velocity(velocity, scan.azimuth, mounting))
         for scan, velocity in zip(scans, theta, strict=True)
