@@ -182,8 +182,8 @@ def _scans(
                 frame = message.header.frame_id
             columns = _columns(clouds)
             errors = {name: sigma for name, sigma in sigmas.items() if sigma is not None}
-            errors |= usual_sigmas(f"{path}, {topic}", errors.keys() | columns.keys())
-            used = valid(columns)
+            used, known = valid(columns), errors.keys() | columns.keys()
+            errors |= usual_sigmas(f"{path}, {topic}", known, columns["doppler"][used])
             warn_of_left_out(path, int((~used).sum()), len(used), f"points of {topic}")
             if min_snr is not None:
                 if "snr" not in columns:

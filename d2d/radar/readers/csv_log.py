@@ -122,7 +122,6 @@ def load_csv(
         unused |= {*_CARTESIAN}
     for name in unused & table.columns.keys():
         del table.columns[name]
-    sigmas |= usual_sigmas(source, table.columns.keys() | sigmas.keys())
     values = table.numbers(invalid=skip_invalid)
     used = valid(values) if skip_invalid else np.ones(len(table.lines), dtype=np.bool_)
     left_out = int((~used).sum()) + table.torn
@@ -134,6 +133,7 @@ def load_csv(
         used &= values.pop("snr") >= FINITE.number("min_snr", min_snr)
     if not used.any():
         raise ValueError(f"{source} has no line with a target")
+    sigmas |= usual_sigmas(source, values.keys() | sigmas.keys(), values["doppler"][used])
     values |= {name: np.full(len(used), sigma) for name, sigma in sigmas.items()}
     sensors = _by_sensor(table, np.flatnonzero(used))
     return {name: _scans(table, values, own, gap) for name, own in sensors.items()}

@@ -210,7 +210,7 @@ def _rows(
 def decoded(path: Path) -> str:
     """The text of a file in UTF-8, in UTF-16 with its mark, or otherwise in Latin-1.
 
-    It may be compressed by gzip; a Parquet file, for which pandas must be installed, becomes text.
+    It may be compressed by gzip; Parquet, for which pandas and pyarrow must be there, becomes text.
     """
     raw = bytes_of(path)
     if raw[:2] == b"\x1f\x8b":
@@ -220,7 +220,7 @@ def decoded(path: Path) -> str:
             if len(raw) > most:
                 raise ValueError(f"it holds over {most} bytes, too many for its size")
     if raw[:4] == b"PAR1":
-        with reading(path, "a Parquet file that pandas reads"):
+        with reading(path, "a Parquet file that pandas and pyarrow read"):
             import pandas
 
             frame = pandas.read_parquet(io.BytesIO(raw))
@@ -272,14 +272,27 @@ def warn_of_left_out(where: object, left_out: int, count: int, what: str) -> Non
         )
 
 
-def usual_sigmas(where: object, known: Collection[str]) -> dict[str, float]:
-    """Standard deviations that stand in for those that are not known, with a warning if any do."""
+def usual_sigmas(
+    where: object, known: Collection[str], doppler: Array | tuple[()] = ()
+) -> dict[str, float]:
+    """Standard deviations that stand in for those that are not known, with a warning if any do.
+
+    It also tells of Doppler velocities that are rounded to steps for which its own is too small.
+    """
     taken = sorted(_USUAL.keys() - known)
+    distinct = np.unique(np.round(doppler, 6))
+    step = np.diff(distinct).min() if 1 < len(distinct) < len(doppler) / 10 else 0.0
+    sigma = step / math.sqrt(12.0)
+    rounded = (
+        f"; Doppler velocities come in steps of {step:.3g} m/s, so that --sigma-doppler must be at "
+        f"least {sigma:.2g}"
+    )
     if taken:
         warnings.warn(
             f"{where} has no {', '.join(taken)}: usual values are taken out of 0.15 m, 0.5 deg, "
             "0.06 m/s; --sigma-range, --sigma-azimuth and --sigma-doppler state those of your "
-            "radar, on which the covariances rest",
+            "radar, on which the covariances rest"
+            f"{rounded if 'sigma_doppler' in taken and sigma > _USUAL['sigma_doppler'] else ''}",
             stacklevel=2,
         )
     return {name: _USUAL[name] for name in taken}

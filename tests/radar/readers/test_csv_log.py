@@ -122,6 +122,30 @@ def test_targets_with_a_height(log):
         assert_allclose([*scan.range, *scan.elevation], [5.0, 0.1])
 
 
+def test_steps_of_the_doppler_velocity_are_told(log):
+    """Breaks if a usual sigma stands in for rounding that is larger than it, without a word."""
+    doppler = 0.48 * np.round(np.random.default_rng(0).normal(0.0, 2.0, 500) / 0.48)
+    lines = "".join(f"{k},5,0,{v:.2f}\n" for k, v in enumerate(doppler))
+    with pytest.warns(UserWarning, match=r"steps of 0\.48 m/s, .*at least 0\.14$"):
+        load_csv(log(f"{HEADER}\n{lines}"))
+
+
+def test_a_parquet_file_is_read_as_its_text(tmp_path):
+    """Breaks if a float loses a digit, or times in an index or as dates are not found."""
+    pandas = pytest.importorskip("pandas", reason="reading Parquet needs pandas")
+    pytest.importorskip("pyarrow", reason="reading Parquet needs pyarrow")
+    scans = simulate_drive(np.random.default_rng(0), duration=0.5).scans
+    columns = {name: np.concatenate([getattr(scan, name) for scan in scans]) for name in FIELDS}
+    times = np.repeat([scan.time for scan in scans], [len(scan) for scan in scans])
+    frame = pandas.DataFrame({"time": times} | columns)
+    frame.to_parquet(tmp_path / "log.parquet")
+    assert_same(load_csv(tmp_path / "log.parquet")["radar"], scans)
+    frame["time"] = pandas.to_datetime(frame["time"].round(3), unit="s")
+    frame.set_index("time").to_parquet(tmp_path / "log.parquet")
+    found = load_csv(tmp_path / "log.parquet")["radar"]
+    assert_allclose([scan.time for scan in found], [scan.time for scan in scans], atol=1e-3)
+
+
 def test_targets_of_one_cycle_are_one_scan(log):
     """Breaks if targets with stamps of their own are scans of one target."""
     times = np.array([0.0, 0.004, 0.008, 0.05, 0.054, 0.1])
@@ -214,7 +238,7 @@ WHOLE = f"{HEADER}\n0,5,0,0"
         (f"time_ms{WHOLE[4:]}", {"time_unit": "ns"}, "time_ms is in ms, but is said to be in ns"),
         (b"\x1f\x8b123", {}, "is not a complete gzip file"),
         (gzip.compress(b"0" * 1_000_000), {}, "too many for its size"),
-        (b"PAR1123", {}, "is not a Parquet file that pandas reads"),
+        (b"PAR1123", {}, "is not a Parquet file that pandas and pyarrow read"),
     ],
 )
 def test_a_log_or_an_option_that_is_not_right_is_refused(log, text, options, said):
