@@ -30,9 +30,8 @@ def sensor_velocity(scan: RadarScan, mounting: Mounting) -> Array:
 
     Static targets lie on the curve v = -(u_x cos phi + u_y sin phi).  Every pair of targets from a
     fixed set (random in Kellner et al. 2013) gives a hypothesis of u; the one that most targets
-    agree with is refined by weighted least squares over these targets.  If there are no targets, or
-    all lie in one direction, the unobservable component is zero.  If no hypothesis has any target
-    that agrees with it, all targets are fitted.
+    agree with, or if none do, all targets, are fitted by weighted least squares.  A component that
+    is not observable is zero.
 
     Raises a ``ValueError`` if ``scan`` is not a `RadarScan` or ``mounting`` not a `Mounting`.
     """
@@ -68,10 +67,9 @@ def doppler_acceleration(
 ) -> Acceleration:
     """The vehicle's acceleration from the Doppler velocities of earlier and later scans.
 
-    The velocity of each sensor is fitted in both of its scans as in `sensor_velocity`; what all
-    Doppler velocities of a sensor have in common cancels.  ``before`` (3, 3) is the covariance of
-    the acceleration about zero before any is seen.  A sensor that contradicts it by more than four
-    standard deviations is left out: it has seen another vehicle.
+    The velocity of each sensor is fitted in both of its scans as in `sensor_velocity`.  ``before``
+    (3, 3) is the covariance of the acceleration about zero before any is seen.  A sensor that
+    contradicts it by more than four standard deviations is left out: it has seen another vehicle.
     """
     value, covariance = np.zeros(3), before
     for previous, current, mounting in changes:
@@ -96,15 +94,12 @@ def doppler_acceleration(
 class DopplerMotion(NamedTuple):
     """The vehicle's velocity from the Doppler velocities of one instant.
 
-    ``theta`` (3,) is [v_x, v_y, omega] in m/s, m/s, rad/s, zero along directions that are not
-    observable.  ``covariance`` (3, 3) is that of the weighted least squares, nan unless all
-    estimated components were observable.  ``inliers`` says of each scan which targets (K,) were
-    taken as static.
+    It is zero along directions that are not observable.
     """
 
-    theta: Array
-    covariance: Array
-    inliers: tuple[NDArray[np.bool_], ...]
+    theta: Array  # (3,) in m/s, m/s, rad/s
+    covariance: Array  # (3, 3); nan unless all estimated components were observable
+    inliers: tuple[NDArray[np.bool_], ...]  # which targets (K,) of each scan were taken as static
 
 
 def doppler_ego_motion(views: Iterable[View], *, side_slip: bool = True) -> DopplerMotion:
@@ -113,11 +108,8 @@ def doppler_ego_motion(views: Iterable[View], *, side_slip: bool = True) -> Dopp
     The static targets of each scan are found as in `sensor_velocity`.  Weighted least squares fits
     V_k = h_k' theta with the variance sigma_v^2 + sigma_phi^2 (dV/dphi)^2 to all of them.  Each fit
     determines the weights of the next, and its targets: those within three standard deviations.
-    The fit is repeated until nothing changes, at most 20 times.  Sensors at different positions
-    make the yaw rate observable (Kellner et al. 2014).
-
-    Raises a ``ValueError`` if ``views`` is empty or contains anything but pairs of a scan and a
-    mounting, or ``side_slip`` is not a bool.
+    Sensors at different positions make the yaw rate observable (Kellner et al. 2014).  Raises a
+    ``ValueError`` if an argument is of another kind, or ``views`` is empty.
 
     Parameters
     ----------

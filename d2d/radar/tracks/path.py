@@ -32,9 +32,9 @@ class Displacement(NamedTuple):
 class Knots(NamedTuple):
     """The m velocities between which that of the path is linear, and their errors.
 
-    They are those that were accepted and, where none was for longer than the filter remembers, the
-    guesses.  The first is an interval before the first estimate; it is extrapolated from that and a
-    later one, at least as far away.
+    They are the accepted ones and, where none was for longer than the filter remembers, the
+    guesses.  The first, an interval before the first estimate, is extrapolated from that and one
+    that is at least as much later.
     """
 
     times: Array  # (m,) s
@@ -79,18 +79,15 @@ class Knots(NamedTuple):
         """
         velocity = np.column_stack([np.interp(times, self.times, v) for v in self.theta.T])
         a, b, passed = velocity[:-1], velocity[1:], np.diff(times)[:, None]
-        bracket = np.zeros_like(a)
-        bracket[:, 0] = a[:, 1] * b[:, 2] - a[:, 2] * b[:, 1]
-        bracket[:, 1] = a[:, 2] * b[:, 0] - a[:, 0] * b[:, 2]
+        bracket = np.cross(a, b) * [1.0, 1.0, 0.0]
         return np.asarray(0.5 * passed * (a + b) + passed**2 / 12.0 * bracket)
 
     def displacement(self, start: float, ends: Array) -> Displacement:
         """The motions (n, 3) from a time to later ones, and their covariances; nan if unknown.
 
         The error of the pose, along the axes at the start, depends on those of the velocities at
-        the knots before and after.  With these it makes one Gaussian, which moves from knot to
-        knot; its covariance with the state and the slow errors after the present interval is
-        ``ahead``, and that with the velocity before it ``behind``.
+        the knots before and after, with which it has the covariances ``behind`` and, that of all
+        of the state and of the slow errors, ``ahead``.
         """
         found = Displacement(np.full((len(ends), 3), np.nan), np.full((len(ends), 3, 3), np.nan))
         i = max(int(np.searchsorted(self.times, start, side="right")) - 1, 0)

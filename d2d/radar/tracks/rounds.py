@@ -147,10 +147,9 @@ class Rounds:
     """Divides scans into rounds as they arrive, and pairs each with an earlier one of its sensor.
 
     `d2d.radar.track` says when a round ends, and what is left out.  A sensor's cycle is the median
-    of its last intervals, that of a round the shortest of its sensors.  Scans that are too old for
-    a pair are dropped.  The scans of a pair are ``baseline`` scans or a ``horizon`` in s apart, by
-    default `HORIZON`.  A scan that is no later than the last round is left out: ``late`` is called
-    with its sensor, the scan and that round's time.
+    of its last intervals, that of a round the shortest of its sensors.  The scans of a pair are
+    ``baseline`` scans or a ``horizon`` in s apart, by default `HORIZON`.  A scan that is no later
+    than the last round is left out: ``late`` gets its sensor, the scan and that round's time.
     """
 
     def __init__(

@@ -269,6 +269,8 @@ def _estimator(sensors: int, options: TrackOptions) -> OdometryEstimator:
     carry, initial = check_flag("carry", left.pop("carry", True)), left.pop("initial", None)
     budget, gyro = left.pop("budget", None), left.pop("gyro", None)
     limits = left.pop("limits", DEFAULT_LIMITS)
+    if limits is not None:
+        check_instance("limits", limits, VehicleLimits)
     for name, value, kind in (("budget", budget, ErrorBudget), ("gyro", gyro, Gyro)):
         if value is not None:
             check_instance(name, value, kind)

@@ -218,6 +218,7 @@ def test_a_tracker_refuses_what_is_no_scan_of_its_sensors():
         ({"front": (1.0, 2.0)}, {}, r"mountings\['front'\] must be a Mounting"),
         ({"front": at}, {"keep": 0}, "keep must be"),
         ({"front": at}, {"horizon": -1.0}, "horizon"),
+        ({"front": at}, {"limits": 30.0}, "limits must be a VehicleLimits"),
     ):
         with pytest.raises(ValueError, match=f"^{said}"):
             Tracker(mountings, **options)
