@@ -20,14 +20,7 @@ from d2d._checks import (
 from d2d._types import Array, Selection
 from d2d.radar.scans.reference import Reference
 from d2d.radar.scans.scan import Mounting, RadarScan, doppler_velocity
-from d2d.radar.simulation.world import (
-    World,
-    build_world,
-    lap_curvature,
-    lap_poses,
-    lap_progress,
-    visible,
-)
+from d2d.radar.simulation.world import World, build_world, lap_motion, visible
 
 # The vehicles: the thesis's robot, and a car in town.  Around the block the car accelerates by
 # 2.6 m/s^2 and 0.33 rad/s^2 RMS; recorded drives have 0.4 to 0.7 and 0.02 to 0.14, as this one has
@@ -172,8 +165,8 @@ def simulate_drive(
     world = world or build_world(rng)
     errors = errors or SensorErrors()
     times = np.arange(int(np.floor(duration * sensor.rate + 1e-9)) + 1) / sensor.rate
-    truth = _motion(times, start, speed)
-    seen = _motion(times - errors.lag, start, speed)
+    truth = lap_motion(times, start, speed)
+    seen = lap_motion(times - errors.lag, start, speed)
     shifts = rng.spawn(1)[0] if errors.extent else None  # leaves the other streams alone
     # the movers' reflection points come last
     still, movers = world.reflectors, world.movers
@@ -199,13 +192,6 @@ def simulate_drive(
         scans.append(scan)
         targets.append(kept)
     return Drive(scans, mounting, truth, targets, world)
-
-
-def _motion(times: Array, start: float, speed: float) -> Reference:
-    along, forward = lap_progress(times + start, speed)
-    turning = forward * lap_curvature(along)
-    theta = np.stack([forward, np.zeros_like(forward), turning], axis=-1)
-    return Reference(times, theta, lap_poses(along))
 
 
 def _detected(

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from d2d import rigid
 from d2d._types import Array
+from d2d.radar.scans.reference import Reference
 
 KINDS = ("wall", "car", "pole", "vegetation", "moving", "clutter")
 """The possible origins of a detection, which only a simulation knows."""
@@ -134,14 +135,17 @@ def lap_curvature(along: Array) -> Array:
     return np.asarray(_lap()[1](np.mod(along, LAP), 1))
 
 
-def lap_progress(times: Array, speed: float) -> tuple[Array, Array]:
-    """Distance (...) in m and speed (...) in m/s at ``times`` (...) in s, for the mean ``speed``.
+def lap_motion(times: Array, start: float, speed: float) -> Reference:
+    """The motion at ``times`` (n,) in s of a vehicle that has driven for ``start`` s at time 0.
 
-    The vehicle slows down in bends, to half the speed on a straight where they are tightest.
+    It has the mean ``speed`` in m/s, and slows down in bends, to half the speed on a straight where
+    they are tightest.
     """
     position = _lap()[2]
-    laps, rest = np.divmod(np.asarray(times) * speed, LAP)
-    return position(rest) + LAP * laps, speed * position(rest, 1)
+    laps, rest = np.divmod((times + start) * speed, LAP)
+    along, forward = position(rest) + LAP * laps, speed * position(rest, 1)
+    theta = np.stack([forward, np.zeros_like(forward), forward * lap_curvature(along)], axis=-1)
+    return Reference(times, theta, lap_poses(along))
 
 
 @cache

@@ -17,8 +17,8 @@ from d2d.radar import (
     write_csv,
 )
 from d2d.radar.cli import main
-from d2d.radar.simulation.drive import CAR_SPEED, ROAD_SPEED, _motion
-from d2d.radar.simulation.world import build_world
+from d2d.radar.simulation.drive import CAR_SPEED, ROAD_SPEED
+from d2d.radar.simulation.world import build_world, lap_motion
 from d2d.scores import normalised_squares
 from tests.radar.scenes import named_sensors
 from tests.radar.tracks.test_files import assert_same
@@ -77,7 +77,7 @@ def town(seed, speed, rate, mountings, seconds):
             rng, seconds, speed, start=start + late, mounting=at, world=world, sensor=Sensor(rate)
         )
         sensors[f"radar {i}"] = [replace(s, time=s.time + late) for s in drive.scans], at
-    return sensors, lambda times: _motion(times, start, speed).theta
+    return sensors, lambda times: lap_motion(times, start, speed).theta
 
 
 def anees(speed, rate, mountings, seconds, **options):

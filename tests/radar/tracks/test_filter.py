@@ -5,7 +5,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from d2d.radar import CovarianceParts, FilterInput, track
-from d2d.radar.simulation.drive import CAR_SPEED, ROAD_SPEED, ROBOT_SPEED, _motion
+from d2d.radar.simulation.drive import CAR_SPEED, ROAD_SPEED, ROBOT_SPEED
+from d2d.radar.simulation.world import lap_motion
 from d2d.radar.tracks import filter as filtering
 from d2d.radar.tracks.filter import JERK, UNKNOWN, begin, predict, smooth_mixtures, update
 from d2d.scores import normalised_squares
@@ -68,7 +69,7 @@ def over_an_interval(theta_at, times):
 
 def around_the_block(times, speed, start=0.0):
     """Velocities and accelerations (n, 3) of a vehicle that drives around a block."""
-    return over_an_interval(lambda at: _motion(at, start, speed).theta, times)
+    return over_an_interval(lambda at: lap_motion(at, start, speed).theta, times)
 
 
 def along_a_railway(times, phase=0.0):

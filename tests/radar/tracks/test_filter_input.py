@@ -13,7 +13,8 @@ from d2d.radar import (
     VelocityEstimate,
     simulate_drive,
 )
-from d2d.radar.simulation.drive import CAR_MOUNTING, CAR_SPEED, _motion
+from d2d.radar.simulation.drive import CAR_MOUNTING, CAR_SPEED
+from d2d.radar.simulation.world import lap_motion
 from tests.radar.scenes import named_sensors
 from tests.radar.tracks.test_tracker import fed
 
@@ -33,8 +34,8 @@ def of_car(rng, duration, **given):
 
 def true_motion(times, start):
     """Velocities (n, 3) and accelerations (n, 3) of the car."""
-    later, earlier = (_motion(times + by, start, CAR_SPEED).theta for by in (0.005, -0.005))
-    return _motion(times, start, CAR_SPEED).theta, (later - earlier) / 0.01
+    later, earlier = (lap_motion(times + by, start, CAR_SPEED).theta for by in (0.005, -0.005))
+    return lap_motion(times, start, CAR_SPEED).theta, (later - earlier) / 0.01
 
 
 def test_each_sensor_has_columns_of_its_own():

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from d2d.radar import ErrorBudget, Gyro, Sensor, Tracker, simulate_drive, track
-from d2d.radar.simulation.drive import CAR_MOUNTING, ROAD_SPEED, _motion
+from d2d.radar.simulation.drive import CAR_MOUNTING, ROAD_SPEED
+from d2d.radar.simulation.world import lap_motion
 from d2d.scores import normalised_squares
 from tests.radar.tracks.test_files import assert_same
 
@@ -18,7 +19,7 @@ TIMES = np.arange(-0.5, 20.0, 0.01)
 def gyro(bias=BIAS, **more):
     """A gyro of 100 Hz with a bias, on the car of the drive."""
     noise = SIGMA * np.random.default_rng(1).standard_normal(len(TIMES))
-    rates = _motion(TIMES, 0.0, ROAD_SPEED).theta[:, 2] + bias + noise
+    rates = lap_motion(TIMES, 0.0, ROAD_SPEED).theta[:, 2] + bias + noise
     return Gyro(SIGMA, float(np.deg2rad(1.0)), TIMES, rates, **more)
 
 
