@@ -1,18 +1,22 @@
-"""The textbook update rules: their signs, their limits and where they lead."""
+"""The textbook update rules, many descents at once, and the terms of the robust cost."""
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from d2d import RegistrationCost, register
+from d2d import CorruptedGaussian, PointSet, RegistrationCost, register
 from d2d.study import scenarios
 from d2d.study.estimation import descent, optimisers
 from d2d.study.estimation.optimisers import (
+    cost,
     descend,
     gauss_newton,
     gradient_descent,
     levenberg_marquardt,
 )
+from d2d.study.estimation.robust import kernels, line_terms
+from d2d.study.line.scene import CORRUPTED, with_outlier
+from d2d.study.plane.scenarios import OVERLAPPED
 from tests.strategies import central_difference
 
 START = np.array([4.0, -0.8, 0.2])
@@ -80,3 +84,80 @@ def test_all_four_arrive_where_register_does(pairs):
         assert len(path.points) == len(path.costs)
         assert_allclose(path.points[-1], expected, atol=2e-4, err_msg=name)
         assert_array_equal(path.points[0], 0.0)
+
+
+# ---- Many descents ------------------------------------------------------------------------------
+
+
+def problems(count: int) -> list[descent.PairedTargets]:
+    fixed, moving = OVERLAPPED.sample(count, np.random.default_rng(3))
+    return [descent.PairedTargets(fixed[run], moving[run]) for run in range(count)]
+
+
+def test_many_descents_are_those_of_one_at_a_time(monkeypatch):
+    """Breaks if a descent goes on after it has converged, or one stops with another."""
+    monkeypatch.setattr(descent, "MAX_DESCENTS", 6000)  # which not all of these keep to
+    given = problems(4)
+    starts = OVERLAPPED.theta + np.random.default_rng(1).uniform(-0.5, 0.5, (4, 3))
+    together = descent.gradient_descents(given, starts)
+    alone = descent.ends_of(
+        [
+            descent.run_all(each, start)[descent.FIRST_ORDER]
+            for each, start in zip(given, starts, strict=True)
+        ]
+    )
+    assert 0 < together.converged.sum() < 4
+    assert_array_equal(together.converged, alone.converged)
+    assert_allclose(together.iterations, alone.iterations, atol=1)
+    assert_allclose(together.cost, alone.cost, rtol=1e-9)
+
+
+def test_the_profile_is_the_least_over_the_third_parameter():
+    """Breaks if the surface under the paths is not that of the problem."""
+    (pairs,) = problems(1)
+    t_y, angle = np.array([-0.5, 1.0]), np.array([0.2, 0.3])
+    surface = descent.profile(pairs, t_y, angle)
+    t_x = np.linspace(0.0, 10.0, 4001)
+    for a, phi in enumerate(angle):
+        for b, y in enumerate(t_y):
+            costs = [cost(pairs, np.array([x, y, phi])) for x in t_x]
+            assert_allclose(surface[a, b], min(costs), rtol=1e-5)
+
+
+# ---- The robust cost ----------------------------------------------------------------------------
+
+
+TRANSLATIONS = np.linspace(-3.0, 8.0, 101)
+
+
+def test_the_terms_add_up_to_the_cost_and_its_derivatives():
+    """Breaks if a term is missing, has the wrong sign or is counted twice."""
+    sets = with_outlier(np.random.default_rng(1), "moving", at=4.0)
+    terms = line_terms(TRANSLATIONS, *sets, CORRUPTED)
+    cost = RegistrationCost(outlier=CORRUPTED)
+    value, gradient, hessian = cost.derivatives(TRANSLATIONS[:, None], *sets)
+    np.testing.assert_allclose(terms.value, value)
+    np.testing.assert_allclose(terms.inliers + terms.outliers, gradient[:, 0], atol=1e-9)
+    np.testing.assert_allclose(terms.curvature - terms.spread, hessian[:, 0, 0], atol=1e-8)
+    assert (terms.curvature > 0).all()
+    assert (terms.spread >= 0).all()
+
+
+def test_influence_and_weight_follow_from_the_loss():
+    """Breaks if the panels of a kernel do not belong together."""
+    r = np.linspace(-6.0, 6.0, 2001)[1::2]  # without zero
+    for loss, influence, weight in kernels(r, 0.01).values():
+        np.testing.assert_allclose(np.gradient(loss, r)[1:-1], influence[1:-1], atol=1e-3)
+        np.testing.assert_allclose(weight * r, influence, atol=1e-12)
+
+
+def test_the_robust_kernel_is_the_cost_of_one_pair():
+    """Breaks if the ratio of the heights is not that of the outlier component."""
+    sigma, alpha, width = 0.2, 0.2, 1e4
+    one = PointSet([[0.0]], [[[sigma**2]]])
+    s = np.sqrt(2.0) * sigma
+    r = np.linspace(0.0, 6.0, 13)
+    cost = RegistrationCost(outlier=CorruptedGaussian(alpha, [[width**2]]))
+    values = cost.value(r[:, None] * s, one, one)
+    kernel = kernels(r, alpha * s / ((1.0 - alpha) * width))["robust"]
+    np.testing.assert_allclose(values - values[0], kernel.loss, atol=1e-6)

@@ -1,4 +1,4 @@
-"""Densities against SciPy, fits against NumPy, EM against scikit-learn and its own promise."""
+"""Densities and fits against SciPy, NumPy and scikit-learn, EM against its own promise."""
 
 import numpy as np
 import pytest
@@ -10,6 +10,7 @@ from d2d import rigid
 from d2d.baselines.gaussian_fit import raise_eigenvalues
 from d2d.study.mixtures import gaussian
 from d2d.study.mixtures.claims import random_observations
+from d2d.study.mixtures.distances import distance_errors, exact_distance
 from d2d.study.mixtures.gaussian import GaussianMixture, fit_mixture
 from tests.strategies import spd
 
@@ -56,7 +57,7 @@ def test_confidence_ellipse_holds_its_share_of_draws():
         assert abs(inside.mean() - confidence) < 4.0 * scatter
 
 
-# ---- Mixtures -----------------------------------------------------------------------------------
+# ---- Mixtures ---------------------------------------------------------------------------------
 
 
 def test_mixture_pdf_is_the_weighted_sum_and_integrates_to_one():
@@ -166,3 +167,20 @@ def test_em_recovers_unequal_weights_that_equal_ones_cannot():
     equal = fit_mixture(x, 2, rng, equal_weights=True).mixture
     assert np.sort(free.weights) == pytest.approx([0.15, 0.85], abs=0.03)
     assert free.log_likelihood(fresh) > equal.log_likelihood(fresh) + 100
+
+
+# ---- How exactly squared distances are computed -------------------------------------------------
+
+
+def test_exact_distance_of_simple_numbers() -> None:
+    """Breaks if an entry of the inverse of a 2 x 2 matrix is wrong."""
+    covariance, offset = np.array([[2.0, 0.5], [0.5, 1.0]]), np.array([1.0, -3.0])
+    expected = offset @ np.linalg.inv(covariance) @ offset
+    assert exact_distance(covariance, offset) == pytest.approx(expected, rel=1e-14)
+
+
+def test_along_a_thin_ellipse_only_the_inverse_loses_digits() -> None:
+    """Breaks if the factor is no longer used for the second number, or both are the same."""
+    by_inverse, by_factor = distance_errors(1e-12, np.random.default_rng(1))
+    assert by_factor < 1e-14
+    assert by_inverse > 1e-8

@@ -1,8 +1,4 @@
-"""The results files of chapter 14, what is computed into them, and what is fitted for them.
-
-The stand-in for the data set is a made-up drive of four sensors whose clock is late, whose axle
-slips and whose mountings are turned by known amounts.
-"""
+"""The results files of chapter 14, what is computed into them, and what is fitted for them."""
 
 import json
 from dataclasses import replace
@@ -12,109 +8,57 @@ import pandas as pd
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from d2d import rigid
-from d2d.radar import (
-    Mounting,
-    RadarScan,
-    Recording,
-    Reference,
-    doppler_velocity,
-    track,
-)
+from d2d.radar import Drive, Recording, Sensor, simulate_drive, track
 from d2d.radar.evaluation.calibration_model import scan_velocities
-from d2d.radar.tracks.path import integrate
+from d2d.radar.simulation.drive import CAR_MOUNTING, CAR_SPEED
 from d2d.study.road import estimates
 from d2d.study.road.estimates import Result
 from d2d.study.road.residuals import fit_correction, residual_rms, residual_sigmas
 
-LAG, SLIP, SPEED = 0.08, -0.06, 0.004
-YAW = np.deg2rad([0.2, -0.15, 0.1, -0.25])
-MOUNTINGS = [
-    Mounting(3.7, -0.9, -1.48),
-    Mounting(3.9, -0.7, -0.44),
-    Mounting(3.9, 0.7, 0.44),
-    Mounting(3.7, 0.9, 1.48),
-]
-SIGMAS = (0.1, 0.004, 0.05)
-START = 100.0
-
-
-def velocity(time) -> np.ndarray:
-    """[v_x, v_y, omega] (n, 3) at the odometry's times: braking, and bends to both sides."""
-    time = np.asarray(time, dtype=float) - START
-    v, omega = 12.0 + 3.0 * np.sin(1.3 * time), 0.25 * np.sin(1.7 * time + 1.0)
-    return np.column_stack([v, SLIP * v * omega, omega])
-
-
-def recordings(count: int = 50, time_offset: float = LAG, side_slip: float = SLIP):
-    """Four recordings of one world; the odometry as `load_radarscenes` would correct it."""
-    rng = np.random.default_rng(5)
-    fine = START + np.arange(-0.5, 0.075 * count + 0.5, 0.005)
-    poses = integrate(velocity(fine)[:-1], np.diff(fine))
-    points = rng.uniform([-40.0, -60.0], [110.0, 60.0], (700, 2))
-    found = []
-    for s, mounting in enumerate(MOUNTINGS):
-        scans = []
-        times = START + 0.075 * np.arange(count) + 0.017 * s
-        for time in times:
-            real = time - LAG
-            x, y, yaw = (np.interp(real, fine, column) for column in poses.T)
-            theta = velocity([real])[0] * [1.0 + SPEED, 1.0, 1.0]
-            true = replace(mounting, yaw=mounting.yaw + YAW[s])
-            ahead = rigid.transform_means(
-                rigid.inverse(rigid.compose([x, y, yaw], true.pose)), points
-            )
-            distance, azimuth = np.hypot(*ahead.T), np.arctan2(ahead[:, 1], ahead[:, 0])
-            doppler = doppler_velocity(theta, azimuth, true)
-            seen = (np.abs(azimuth) < 0.9) & (distance < 50.0) & (distance > 3.0)
-            noise = rng.standard_normal((3, len(points))) * np.array(SIGMAS)[:, None]
-            measured = (np.stack([distance, azimuth, doppler]) + noise)[:, seen]
-            scans.append(RadarScan(time, *measured, *SIGMAS))
-        odometry = velocity(times - time_offset)
-        odometry[:, 1] = side_slip * odometry[:, 0] * odometry[:, 2]
-        found.append(Recording(scans, mounting, Reference(times, odometry, np.zeros((count, 3)))))
-    return found
+LAG, SLIP, SPEED, YAW = 0.08, -0.06, 0.004, 0.004
 
 
 @pytest.fixture(scope="module")
-def raw():
-    """The recordings with the odometry as it is."""
-    return recordings(time_offset=0.0, side_slip=0.0)
+def drive() -> Drive:
+    """A car that brakes, and bends to both sides."""
+    sensor, rng = Sensor(quantised=False, clutter=0.0), np.random.default_rng(0)
+    return simulate_drive(rng, 10.0, CAR_SPEED, mounting=CAR_MOUNTING, sensor=sensor)
 
 
 # ---- clock, slip, mountings, noise
 
 
-def static_targets(found):
-    return scan_velocities((recording.scans, recording.mounting) for recording in found)
-
-
-def test_lag_slip_speed_and_mountings_are_found(raw):
+def test_lag_slip_speed_and_mounting_are_found(drive):
     """Breaks if a parameter enters with the wrong sign or size, or takes over another's part."""
-    fit = fit_correction(static_targets(raw), raw[0].reference)
+    truth, at = drive.truth, drive.mounting
+    slips = SLIP * truth.theta[:, 0] * truth.theta[:, 2]
+    scans = [
+        replace(scan, doppler=scan.doppler - slip * np.sin(scan.azimuth + at.yaw))
+        for scan, slip in zip(drive.scans, slips, strict=True)
+    ]
+    targets = scan_velocities([(scans, replace(at, yaw=at.yaw - YAW))])
+    theta = truth.theta / [1.0 + SPEED, 1.0, 1.0]
+    odometry = replace(truth, times=truth.times - LAG, theta=theta)
+    fit = fit_correction(targets, odometry)
     assert fit.time_offset == pytest.approx(LAG, abs=0.003)
     assert fit.side_slip == pytest.approx(SLIP, abs=0.005)
     assert fit.speed == pytest.approx(SPEED, abs=0.001)
     assert_allclose(fit.yaw, YAW, rtol=0, atol=np.deg2rad(0.05))
     assert fit.rms == pytest.approx(1.0, abs=0.1)
-    targets, odometry = static_targets(raw), raw[0].reference
     profile = [residual_rms(targets, odometry, t) for t in np.arange(0.0, 0.25, 0.02)]
-    assert fit.rms <= min(profile) + 1e-9
-    assert profile[4] == pytest.approx(fit.rms, rel=0.01)
+    assert np.argmin(profile) == 4
+    assert profile[4] == pytest.approx(fit.rms, rel=0.002)
 
 
-def test_sigmas_are_read_off_the_residuals():
+def test_sigmas_are_read_off_the_residuals(drive):
     """Breaks if along and across change places, or the sqrt(2) of two scans is forgotten."""
-    recording = recordings(20)[2]
-    near = [scan[scan.range < 25.0] for scan in recording.scans]
-    true = replace(recording.mounting, yaw=recording.mounting.yaw + YAW[2])
-    recording = replace(recording, scans=near, mounting=true)
-    driven = track(recording)
-    (found,) = residual_sigmas(recording, driven, (0, 90))
+    recording = Recording(drive.scans, drive.mounting, drive.truth)
+    (found,) = residual_sigmas(recording, track(recording), (0, 90))
+    true = drive.scans[0]
     assert found["sector"] == (0, 90)
-    assert found["range"] == pytest.approx(SIGMAS[0], rel=0.2)
-    assert found["azimuth"] == pytest.approx(SIGMAS[1], rel=0.2)
-    assert SIGMAS[2] < found["doppler"] < 2.0 * SIGMAS[2]
+    assert found["range"] == pytest.approx(true.sigma_range[0], rel=0.2)
+    assert found["azimuth"] == pytest.approx(true.sigma_azimuth[0], rel=0.2)
+    assert true.sigma_doppler[0] < found["doppler"] < 2.0 * true.sigma_doppler[0]
     assert found["pairs"] > 100
 
 
@@ -122,14 +66,13 @@ def test_sigmas_are_read_off_the_residuals():
 
 
 @pytest.fixture(scope="module")
-def estimated() -> dict[str, Result]:
+def estimated(drive) -> dict[str, Result]:
     """Two runs with a gap, and times without a reference."""
-    recording = recordings(25)[2]
-    scans = [*recording.scans[:7], recording.scans[7][:0], *recording.scans[8:]]
+    scans = [*drive.scans[:7], drive.scans[7][:0], *drive.scans[8:25]]
     found = {}
     for name, doppler in (("with", True), ("without, Doppler", False)):
-        driven = track((scans, recording.mounting), doppler=doppler)
-        errors = driven.theta - recording.reference.theta[1:]
+        driven = track((scans, drive.mounting), doppler=doppler)
+        errors = driven.theta - drive.truth.theta[1:25]
         errors[-2:] = np.nan
         found[name] = Result(driven, errors)
     return found

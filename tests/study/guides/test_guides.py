@@ -1,4 +1,4 @@
-"""The tracks of the guides: a line for each, what is wrong with them, and what undoes it."""
+"""The guides: tracks, small covariances, and the logs of the readers' project."""
 
 import math
 
@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from d2d import PointSet, register
 from d2d.radar import (
     Reference,
     Track,
@@ -17,8 +18,15 @@ from d2d.radar import (
     unfolded,
 )
 from d2d.study.guides import own_log, symptoms
+from d2d.study.guides import small_covariance as small
+from d2d.study.guides.project import hidden_log
 from d2d.study.guides.rows import row, row_table
 from d2d.study.guides.stated_sigmas import front_drive, rounded, scaled
+from d2d.study.plane.evaluation import LIKELIHOOD
+from d2d.study.plane.scenarios import OVERLAPPED
+
+# ---- Tracks -------------------------------------------------------------------------------------
+
 
 DEGREE = np.deg2rad(1.0)
 SIGMAS = {"sigma_range": 0.15, "sigma_azimuth": 0.7 * DEGREE, "sigma_doppler": 0.1}
@@ -111,3 +119,73 @@ def test_velocities_over_ground_and_folded_ones_are_undone():
     measured = over_ground_undone(ground, cut.theta, place)
     for one, other in zip(measured, scans, strict=True):
         assert_allclose(one.doppler, other.doppler, atol=1e-12)
+
+
+# ---- Small covariances --------------------------------------------------------------------------
+
+
+THETA = OVERLAPPED.theta
+FIXED, MOVING = OVERLAPPED.sample(400, np.random.default_rng(3))
+
+
+def test_repeated_targets_divide_the_covariance_and_nothing_else():
+    """Breaks if a copy has an error of its own, or moves the optimum."""
+    one = register(FIXED[:5], MOVING[:5], LIKELIHOOD, THETA)
+    three = register(small.repeated(FIXED[:5], 3), small.repeated(MOVING[:5], 3), LIKELIHOOD, THETA)
+    assert_allclose(three.theta, one.theta, atol=1e-6)
+    assert_allclose(three.covariance, one.covariance / 3.0, rtol=1e-4)
+
+
+def test_unit_weights_are_repaired_by_the_residuals():
+    """Breaks if the variance of the residuals is not that of two points."""
+    rng = np.random.default_rng(0)
+    noisy = [
+        PointSet(
+            0.3 * rng.standard_normal((4000, 8, 2)) + true, np.eye(2) + np.zeros((4000, 8, 2, 2))
+        )
+        for true in OVERLAPPED.true_sets
+    ]
+    found = register(*noisy, LIKELIHOOD, THETA)
+    variance = small.residual_variance(found.theta, *noisy) / 2.0
+    assert variance.mean() == pytest.approx(0.09, rel=0.05)
+    scaled = small.judged(found, THETA, found.covariance * variance[:, None, None])
+    # with 13 degrees of freedom the variance itself is known roughly: E(1 / chi^2) = 1 / 11
+    assert scaled.anees == pytest.approx(13.0 / 11.0, rel=0.05)
+    assert small.judged(found, THETA).anees < 0.15
+
+
+def test_halves_are_of_different_targets():
+    """Breaks if both halves hold the same targets, or the first half always the same ones."""
+    each = small.halves(FIXED, MOVING, LIKELIHOOD, THETA, np.arange(8))
+    assert each.anees == pytest.approx(1.0, abs=0.15)
+    pairs = small.halves(FIXED, MOVING, LIKELIHOOD, THETA, np.arange(8) // 2)
+    assert pairs.anees == pytest.approx(1.0, abs=0.15)
+    assert abs(pairs.nees - each.nees).max() > 0.1
+    two = small.repeated(FIXED, 2), small.repeated(MOVING, 2)
+    together = small.halves(*two, LIKELIHOOD, THETA, np.repeat(np.arange(8), 2))
+    assert_allclose(together.nees, 2.0 * each.nees, rtol=0.05)
+
+
+def test_a_bias_does_not_average_out():
+    """Breaks if the error falls with the number of targets as the inverse Hessian does."""
+    rows = small.bias_against_targets()
+    first, last = rows.iloc[0], rows.iloc[-1]
+    assert last.targets > 4.0 * first.targets
+    assert last.stated < 0.5 * first.stated
+    assert last.rmse > 2.0 * last.stated
+    assert (rows.budgeted / rows.rmse).between(0.7, 1.1).all()
+
+
+# ---- The project --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["first", "second", "third"])
+def test_a_hidden_fault_shows(name: str) -> None:
+    """Breaks if a log has no fault that a reader could find."""
+    log = hidden_log(name, 20.0)
+    assert compare(track(log), log.truth).measures.anees > 2.0
+
+
+def test_another_log_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"^name must be one of first, second, third"):
+        hidden_log("fourth")

@@ -1,14 +1,32 @@
-"""The names that the notation page gives to symbols are names in the code."""
+"""The names that the reference pages give are names in the code, and all of them."""
 
 import importlib
+import inspect
 import re
 from pathlib import Path
 
 import d2d
 import d2d.radar
 
-PAGE = Path(__file__).resolve().parents[2] / "chapters" / "notation.md"
-NAMES = sorted(set(re.findall(r"`([A-Za-z]\w*\.\w+(?:\.\w+)?)`", PAGE.read_text(encoding="utf-8"))))
+ROOT = Path(__file__).resolve().parents[2]
+API, NOTATION = (
+    (ROOT / page).read_text(encoding="utf-8") for page in ("api/radar.md", "chapters/notation.md")
+)
+NAMES = sorted(set(re.findall(r"`([A-Za-z]\w*\.\w+(?:\.\w+)?)`", NOTATION)))
+
+
+def test_the_page_shows_every_public_name():
+    """Breaks if the page is narrowed to some names, or a name is handed on without `__all__`."""
+    block = re.search(r"automodule:: d2d\.radar\n((?:   :.*\n)+)", API)
+    assert block is not None
+    options = {line.strip() for line in block[1].splitlines()}
+    assert {":members:", ":imported-members:"} <= options  # those of __all__
+    public = {
+        name
+        for name, value in vars(d2d.radar).items()
+        if not name.startswith("_") and not inspect.ismodule(value)
+    }
+    assert public == set(d2d.radar.__all__)
 
 
 def has(owner: object, name: str) -> bool:
