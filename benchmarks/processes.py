@@ -1,65 +1,33 @@
-"""Measurements in a fresh process: start-up, compilation, peak memory; and the machine."""
+"""Measurements in a fresh process: start-up, compilation, size; and the machine."""
 
 import importlib.metadata
 import os
 import platform
-import resource
 import subprocess
 import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 
-_IMPORT = "import time; t = time.perf_counter(); import d2d; print(time.perf_counter() - t)"
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 
-_FIRST_CALL = """
-import time
-import d2d
-targets = d2d.PointSet([[0.0, 5.0], [8.0, 1.0]], [[[0.04, 0.0], [0.0, 0.04]]] * 2)
-t = time.perf_counter()
-d2d.register(targets, targets)
-print(time.perf_counter() - t)
-"""
-
-# macOS counts in bytes, others in KiB.
-_MEGABYTES = 1e-6 if sys.platform == "darwin" else 1024e-6
-
-
-def used_memory(field: str) -> float:
-    """Memory of this process in MB: VmHWM is the peak, VmRSS what it has now.
-
-    On Linux a child inherits ru_maxrss from its parent, so it is read from /proc there.
-    """
-    status = Path("/proc/self/status")
-    lines = status.read_text().splitlines() if status.exists() else []
-    found = [int(line.split()[1]) for line in lines if line.startswith(field)]
-    return _MEGABYTES * (found[0] if found else resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
-
-
-def monte_carlo_peak(runs: int) -> float:
-    """Peak memory of this process after a Monte Carlo evaluation on the eight targets."""
-    from d2d import RegistrationCost
-    from d2d.study.plane.scenarios import OVERLAPPED
-    from d2d.study.runs import monte_carlo
-
-    monte_carlo(OVERLAPPED, RegistrationCost(), runs=runs)
-    return used_memory("VmHWM")
-
-
-def call_memory(size: int) -> float:
-    """Memory that the first robust call with so many targets, covariance propagated, adds."""
-    from benchmarks.methods import OUTLIER, initial_motion
-    from benchmarks.scenes import draw, scene
-    from d2d import RegistrationCost, propagate_covariance, register
-
-    # a set of 64 targets compiles and loads all functions before, and needs 1 % of the memory
-    for targets in (64, size):
-        draws = draw(scene(targets), 1, seed=1)
-        fixed, moving, cost = draws.fixed[0], draws.moving[0], RegistrationCost(outlier=OUTLIER)
-        before = used_memory("VmRSS")
-        estimate = register(fixed, moving, cost, initial_motion(draws.theta, "off"))
-        propagate_covariance(estimate, fixed, moving, cost)
-    return used_memory("VmRSS") - before
+_TARGETS = "import time; t = time.perf_counter(); import numpy as np; P = np.eye(9, 3); "
+_FIRST = {
+    "d2d": "import d2d; s = d2d.PointSet(P[:, :2], np.tile(np.eye(2), (9, 1, 1)));"
+    "d2d.register(s, s)",
+    "small_gicp": "import small_gicp as g; c = g.PointCloud(P);"
+    "g.align(c, c, g.KdTree(c), registration_type='ICP')",
+    "open3d": "import open3d as o; c = o.geometry.PointCloud(o.utility.Vector3dVector(P));"
+    "o.pipelines.registration.registration_icp(c, c, 1.0)",
+    "kiss-icp": "from kiss_icp.mapping import VoxelHashMap;"
+    "from kiss_icp.registration import Registration;"
+    "m = VoxelHashMap(1.0, 100.0, 20); m.add_points(P);"
+    "Registration(50, 1e-4, 1).align_points_to_map(P, m, np.eye(4), 3.0, 1.0)",
+}
+"""Import of each library, and its smallest registration."""
+_PRINT = "; print(time.perf_counter() - t)"
 
 
 def printed(code: str, **environment: str) -> float:
@@ -74,21 +42,54 @@ def printed(code: str, **environment: str) -> float:
     return float(done.stdout)
 
 
-def import_seconds() -> float:
-    """Time of ``import d2d`` in s, the best of five."""
-    return min(printed(_IMPORT) for _ in range(5))
+class Library(NamedTuple):
+    """Version, MB of the library and of all that it needs, s to import and to a first result."""
+
+    version: str
+    sizes: dict[str, float]
+    imported: float
+    first: float
+    compiled: float  # s to the first result on a new machine; nan without a compiler
 
 
-def first_call_seconds() -> tuple[float, float]:
-    """Time in s of the first registration on a new machine, and later, with the filled cache."""
-    with tempfile.TemporaryDirectory() as folder:
-        compiled = printed(_FIRST_CALL, NUMBA_CACHE_DIR=folder)
-        return compiled, min(printed(_FIRST_CALL, NUMBA_CACHE_DIR=folder) for _ in range(3))
+def libraries() -> dict[str, Library]:
+    """What one waits for before the first result of each library that is installed."""
+    found = {}
+    for name, code in _FIRST.items():
+        try:
+            version = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            continue
+        program = _TARGETS + code + _PRINT
+        module = f"import time; t = time.perf_counter(); import {name.replace('-', '_')}" + _PRINT
+        imported = min(printed(module) for _ in range(5))
+        with tempfile.TemporaryDirectory() as folder:
+            compiled = printed(program, NUMBA_CACHE_DIR=folder)
+            first = min(printed(program, NUMBA_CACHE_DIR=folder) for _ in range(5))
+        compiled = compiled if name == "d2d" else float("nan")
+        found[name] = Library(version, installed(name), imported, first, compiled)
+    return found
 
 
-def in_fresh_process(function: str, argument: int) -> float:
-    """The result of a function of this module in a process of its own."""
-    return printed(f"from benchmarks import processes; print(processes.{function}({argument}))")
+def installed(name: str) -> dict[str, float]:
+    """MB of each package that installing ``name`` brings, itself included."""
+    sizes: dict[str, float] = {}
+    waiting = [name]
+    while waiting:
+        package = canonicalize_name(waiting.pop())
+        if package in sizes:
+            continue
+        distribution = importlib.metadata.distribution(package)
+        paths = [Path(str(file.locate())) for file in distribution.files or ()]
+        compiled = ".pyc"  # written by Python, not by the package
+        sizes[package] = 1e-6 * sum(
+            path.stat().st_size for path in paths if path.is_file() and path.suffix != compiled
+        )
+        for text in distribution.requires or ():
+            requirement = Requirement(text)
+            if requirement.marker is None or requirement.marker.evaluate({"extra": ""}):
+                waiting.append(requirement.name)
+    return sizes
 
 
 def machine() -> str:

@@ -1,8 +1,6 @@
 """Measure speed and accuracy in one run, print the tables, write them into the book.
 
 python -m benchmarks.run [--quick]
-
-With D2D_RADARSCENES set to the folder of the data set, throughput on it is measured as well.
 """
 
 import argparse
@@ -12,7 +10,6 @@ import sys
 import time
 import warnings
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 
 import numpy as np
 
@@ -20,8 +17,6 @@ from benchmarks import peers, processes, report
 from benchmarks.methods import Effort, one_per_call, others
 from benchmarks.scenes import accuracy, draw, known_correspondences, scene
 from benchmarks.timing import interleaved
-from d2d.radar import load_radarscenes, track
-from d2d.study.road.estimates import data_root
 
 ONE_THREAD = {
     name: "1"
@@ -76,13 +71,13 @@ def affordable(size: int, start: str, rows: Sequence[report.Row]) -> list[peers.
 
 
 def rows_of(
-    size: int, start: str, effort: Effort, chosen: Sequence[peers.Peer]
+    where: str, size: int, start: str, effort: Effort, chosen: Sequence[peers.Peer]
 ) -> Iterator[report.Row]:
-    """All rows of one size and start, the floor last."""
-    draws = draw(scene(size), effort.runs, seed=1)
+    """All rows of one scene, size and start, the floor last."""
+    draws = draw(scene(size, where), effort.runs, seed=1)
     floor = known_correspondences(draws)
     zero = start == "zero"
-    pilot = draw(scene(size), effort.pilot, seed=2)
+    pilot = draw(scene(size, where), effort.pilot, seed=2)
     detailed = size in DETAILED and start != "off"
     methods = [
         *one_per_call(draws, pilot, start, effort, chosen),
@@ -99,6 +94,7 @@ def rows_of(
     ):
         used = np.minimum(times, busy)  # not what others used; a process of two threads has more
         yield report.Row(
+            where,
             size,
             start,
             method.cost,
@@ -113,20 +109,7 @@ def rows_of(
         known = accuracy(floor, floor, draws.theta, only_at_truth=False)
         name = "floor: least squares, pairs known"
         nan = float("nan")
-        yield report.Row(size, start, "pairs known", name, nan, nan, len(draws), known)
-
-
-def measure_throughput(root: Path) -> report.Throughput:
-    """Read one sensor of RadarScenes 105 and track it; the best of three."""
-    found = []
-    for _ in range(3):
-        begin = time.perf_counter()
-        recording = load_radarscenes(root, 105, 3, strongest=200)
-        track(recording, baseline=1, carry=False)
-        found.append(time.perf_counter() - begin)
-    scans = recording.scans
-    targets = float(np.mean([scan.size for scan in scans]))
-    return report.Throughput(len(scans), targets, scans[-1].time - scans[0].time, min(found))
+        yield report.Row(where, size, start, "pairs known", name, nan, nan, len(draws), known)
 
 
 def measure(quick: bool) -> report.Measured:
@@ -141,32 +124,25 @@ def measure(quick: bool) -> report.Measured:
         library, why = peers.load(peer.module)
         if library is None:
             missing[peer.module] = why
-    say("start-up, compilation and memory")
-    imported, first_call = processes.import_seconds(), processes.first_call_seconds()
-    peaks = {
-        runs: processes.in_fresh_process("monte_carlo_peak", runs)
-        for runs in (1000, 1000 if quick else 100_000)
-    }
+    say("start-up and compilation")
+    libraries = processes.libraries()
     rows: list[report.Row] = []
     for size, effort in (QUICK if quick else EFFORT).items():
         for start in ("truth", "off", "zero") if size in DETAILED else ("truth", "off"):
             say(f"{size} × {size} targets from {start}")
             chosen = affordable(size, start, rows)
-            rows += rows_of(size, start, effort, chosen)
-    root = data_root()
-    say("RadarScenes" if root else "RadarScenes: D2D_RADARSCENES is not set")
-    throughput = measure_throughput(root) if root else None
+            rows += rows_of("dense", size, start, effort, chosen)
+    for size in (report.MANY, report.MORE):
+        say(f"{size} × {size} targets in the wide scene")
+        chosen = affordable(size, "off", rows)
+        rows += rows_of("wide", size, "off", (QUICK if quick else EFFORT)[size], chosen)
     say("done")
     return report.Measured(
         processes.machine(),
         processes.versions(PACKAGES),
         missing,
         rows,
-        processes.in_fresh_process("call_memory", max(EFFORT)),
-        imported,
-        first_call,
-        peaks,
-        throughput,
+        libraries,
     )
 
 

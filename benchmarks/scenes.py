@@ -1,6 +1,6 @@
 """The scenes to register, the floor of the accuracy, and which estimates end at the truth."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,16 +41,24 @@ class Accuracy:
     at_truth: float
 
 
-def random_layout(size: int) -> Scenario:
-    """`OVERLAPPED` with targets uniform in azimuth within 40 degrees and in range, 8 to 60 m."""
+# Of each scene: the ranges of its targets in m, and the standard deviations in m and rad.
+SCENES = {"dense": ((8.0, 60.0), 0.2, 0.03), "wide": ((3.0, 120.0), 0.15, 0.01)}
+
+
+def random_layout(size: int, name: str) -> Scenario:
+    """`OVERLAPPED` with targets uniform in azimuth within 40 degrees and in range."""
+    between, sigma_range, sigma_azimuth = SCENES[name]
     rng = np.random.default_rng([0, size])
     azimuth = np.deg2rad(rng.uniform(-40.0, 40.0, size))
-    return Scenario(f"random {size}", cartesian(np.stack([azimuth, rng.uniform(8, 60, size)], -1)))
+    targets = cartesian(np.stack([azimuth, rng.uniform(*between, size)], axis=-1))
+    noise = {"sigma_range": sigma_range, "sigma_azimuth": sigma_azimuth}
+    return replace(OVERLAPPED, name=f"{name} {size}", targets=targets, **noise)
 
 
-def scene(size: int) -> Scenario:
+def scene(size: int, name: str = "dense") -> Scenario:
     """The eight targets of the study, or a random layout of another size."""
-    return OVERLAPPED if size == len(OVERLAPPED.targets) else random_layout(size)
+    eight = name == "dense" and size == len(OVERLAPPED.targets)
+    return OVERLAPPED if eight else random_layout(size, name)
 
 
 def draw(scenario: Scenario, runs: int, seed: int) -> Draws:

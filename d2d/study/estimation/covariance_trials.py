@@ -1,6 +1,5 @@
 """The covariances that several costs state, compared with the scatter of many runs."""
 
-import time
 from dataclasses import replace
 from functools import cache
 from typing import NamedTuple
@@ -11,7 +10,6 @@ from d2d._types import Array
 from d2d.cost import RegistrationCost
 from d2d.covariance import propagate_covariance
 from d2d.point_set import PointSet
-from d2d.problem import Estimate
 from d2d.registration import register
 from d2d.study.book.claim import DECIBELS
 from d2d.study.book.measured import Measured, anees_of, mean_of
@@ -30,7 +28,6 @@ COSTS = {
     "P2D likelihood": P2D,
 }
 ALL_COSTS = evaluation.COSTS | {"P2D": P2D}
-DIFFERENCE = 1e-3  # of a range or azimuth to either side, in standard deviations
 
 
 @cache
@@ -136,41 +133,6 @@ def shared_partner(count: int) -> SharedPartner:
     return SharedPartner(fisher, propagated, 0.5 * (count + 1))
 
 
-class EqualTargets(NamedTuple):
-    """Mean variances of one coordinate, times the number of targets; the likelihood gives 1."""
-
-    actual: float
-    fisher: float
-    propagated: float
-
-
-def equal_targets(count: int) -> EqualTargets:
-    """Variances of the sum's optimum for ``count`` targets of equal covariance, without rotation.
-
-    Each target errs by a standard normal, as its covariance says.  The optimum is the mean of the
-    targets weighted by their densities, found by iteration from their plain mean.
-    """
-    offsets = np.random.default_rng(SEED).standard_normal((5000, count, 2))
-    optimum = offsets.mean(axis=1)
-    for _ in range(100):
-        weight = np.exp(-0.5 * np.sum((offsets - optimum[:, np.newaxis]) ** 2, axis=-1))
-        weight /= weight.sum(axis=1, keepdims=True)
-        optimum = np.einsum("rk,rki->ri", weight, offsets)
-    residuals = offsets - optimum[:, np.newaxis]
-    # minus the derivative of each target's weighted residual; their sum is the Hessian
-    slopes = weight[..., np.newaxis, np.newaxis] * (
-        np.eye(2) - residuals[..., :, np.newaxis] * residuals[..., np.newaxis, :]
-    )
-    inverse = np.linalg.inv(slopes.sum(axis=1))
-    squared = np.einsum("rkij,rklj->ril", slopes, slopes)
-    propagated = inverse @ squared @ inverse
-    return EqualTargets(
-        count * float(optimum.var(axis=0).mean()),
-        count * float(0.5 * np.trace(inverse, axis1=1, axis2=2).mean()),
-        count * float(0.5 * np.trace(propagated, axis1=1, axis2=2).mean()),
-    )
-
-
 @cache
 def over_layouts(name: str) -> tuple[Measured, ...]:
     """ANEES of the inverse Hessian on each of twelve random layouts.
@@ -193,45 +155,3 @@ def in_scene(scenario: Scenario, cost: str, runs: int = 1000) -> StatedCovarianc
     """Both covariances of a cost of `ALL_COSTS`, of the draws of `evaluation.evaluated`."""
     fixed, moving = evaluation.same_draws(scenario, runs)
     return both_covariances(fixed, moving, ALL_COSTS[cost], scenario.theta)
-
-
-def slowdown(scenario: Scenario, cost: str, runs: int = 1000) -> float:
-    """Time of the propagation over that of the registration."""
-    fixed, moving = evaluation.same_draws(scenario, runs)
-    register(fixed[0], moving[0], ALL_COSTS[cost], scenario.theta)  # loads the compiled code
-    begin = time.perf_counter()
-    estimate = register(fixed, moving, ALL_COSTS[cost], scenario.theta)
-    middle = time.perf_counter()
-    propagate_covariance(estimate, fixed, moving, ALL_COSTS[cost])
-    return (time.perf_counter() - middle) / (middle - begin)
-
-
-def propagate_from_polar(
-    estimate: Estimate,
-    fixed: PointSet,
-    moving: PointSet,
-    cost: RegistrationCost,
-    scenario: Scenario,
-) -> Array:
-    """Covariances (..., 3, 3) from finite differences of the gradient in each range and azimuth.
-
-    A target's reported covariance is computed at its measured position and changes with it.  These
-    differences include that change; `d2d.propagate_covariance` does not.
-    """
-    sigmas = scenario.sigma_range, scenario.sigma_azimuth
-    middle = np.zeros_like(estimate.covariance)
-    for which in (0, 1):
-        means = (fixed, moving)[which].means
-        polar = np.hypot(means[..., 0], means[..., 1]), np.arctan2(means[..., 1], means[..., 0])
-        for target in range(means.shape[-2]):
-            for coordinate in (0, 1):
-                gradients = []
-                for sign in (DIFFERENCE, -DIFFERENCE):
-                    changed = [polar[0].copy(), polar[1].copy()]
-                    changed[coordinate][..., target] += sign * sigmas[coordinate]
-                    sets = [fixed, moving]
-                    sets[which] = PointSet.from_polar(changed[0], changed[1], *sigmas)
-                    gradients.append(cost.derivatives(estimate.theta, *sets)[1])
-                change = (gradients[0] - gradients[1]) / (2.0 * DIFFERENCE)
-                middle += change[..., :, None] * change[..., None, :]
-    return np.asarray(estimate.covariance @ middle @ estimate.covariance)

@@ -41,20 +41,3 @@ def test_both_covariances_are_those_of_the_same_errors():
         found.credibility("inverse Hessian").nees, credibility(errors, estimate.covariance).nees
     )
     assert_allclose(found.credibility("propagated").nees, credibility(errors, propagated).nees)
-
-
-def test_a_covariance_that_changes_with_its_target_changes_little():
-    """Breaks if a range or an azimuth is moved by another's standard deviation, or only one is."""
-    scene, cost = scenarios.OVERLAPPED, covariance_trials.COSTS["likelihood"]
-    fixed, moving = same_draws(scene, 20)
-    estimate = register(fixed, moving, cost, scene.theta)
-    full = covariance_trials.propagate_from_polar(estimate, fixed, moving, cost, scene)
-    plain = propagate_covariance(estimate, fixed, moving, cost)
-    assert_allclose(np.diagonal(full.mean(axis=0)), np.diagonal(plain.mean(axis=0)), rtol=0.1)
-
-
-def test_the_sum_of_many_equal_targets_has_the_variances_of_theory():
-    """Breaks if a variance loses its factor: of K targets 16/9, and 2K by the inverse Hessian."""
-    found = covariance_trials.equal_targets(40)
-    assert found.actual == pytest.approx(16.0 / 9.0, rel=0.06)
-    assert found.fisher == pytest.approx(2.0 * 40.0, rel=0.03)
