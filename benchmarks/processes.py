@@ -53,7 +53,7 @@ class Library(NamedTuple):
 
 
 def libraries() -> dict[str, Library]:
-    """What one waits for before the first result of each library that is installed."""
+    """Size and seconds before the first result of each library that is installed."""
     found = {}
     for name, code in _FIRST.items():
         try:

@@ -144,7 +144,7 @@ def growth_table(rows: Sequence[Row]) -> str:
 
 
 def aim(what: str, sign: str, bound: float, value: float, unit: str = "×") -> tuple[str, ...]:
-    """What is aimed at, at least (≥) or at most (≤) a bound, what came, and whether it is met."""
+    """An aim, at least (≥) or at most (≤) a bound, the result, and whether the aim is met."""
     wanted, measured = f"{sign} {bound:g} {unit}", f"{number(value, 4)} {unit}"
     met = value >= bound if sign == "≥" else value <= bound
     if np.isnan(value):
@@ -200,7 +200,7 @@ def aims_table(m: Measured) -> str:
 
 
 def libraries_table(libraries: Mapping[str, processes.Library]) -> str:
-    """What one installs and waits for before the first result, a row for each library."""
+    """Size and seconds before the first result, a row for each library."""
     header = "library", "installed, MB", "of these", "first result, s", "when compiling, s"
     lines = []
     for name, library in libraries.items():
