@@ -6,6 +6,7 @@ import base64
 import io
 from collections.abc import Iterable, Mapping
 from html import escape
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,22 +22,6 @@ if TYPE_CHECKING:
 _BIN = np.deg2rad(4.0)
 _SHOWN = 5.0  # standard deviations of a residual, beyond which a target moves
 _FEW = 20  # residuals, of which a median says little
-_PAGE = """<!DOCTYPE html>
-<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width">
-<title>{title}</title><style>
-body {{ font: 16px/1.5 sans-serif; max-width: 45rem; margin: 2rem auto; padding: 0 1rem }}
-img {{ max-width: 100% }} table {{ border-collapse: collapse }}
-td {{ border-top: 1px solid #ccc; padding: .2rem 1rem .2rem 0 }} pre {{ white-space: pre-wrap }}
-</style></head><body><h1>{title}</h1>
-<pre>{summary}</pre>
-<h2>What looks wrong</h2>{findings}
-<h2>Path with 95 % ellipses, velocities with 3 sigma, mean inlier probability</h2>{picture}
-<h2>Doppler residuals by azimuth</h2>
-<p>Measured less predicted, of targets that stand still: the median in steps of 4 degrees, and the
-quartiles. A slope tells of a turned mounting, a bend of distorted azimuths, which --azimuth leaves
-out; a common offset, of the Doppler velocities' own error.</p>{residuals}
-<h2>Settings</h2><table>{settings}</table></body></html>
-"""
 
 
 def report_page(
@@ -52,7 +37,8 @@ def report_page(
         f"<tr><td>{escape(name)}</td><td>{escape(str(value))}</td></tr>"
         for name, value in settings.items()
     )
-    return _PAGE.format(
+    page = Path(__file__).with_name("report.html").read_text(encoding="utf-8")
+    return page.format(
         title=escape(title),
         summary=escape(str(driven)),
         findings=f"<ul>{listed}</ul>" if listed else "<p>Nothing was found.</p>",

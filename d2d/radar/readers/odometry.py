@@ -23,16 +23,20 @@ def load_reference(path: str | os.PathLike[str], topic: str | None = None) -> Re
 
     A *TUM trajectory* has lines "t x y z qx qy qz qw" (s, m, quaternion) of the vehicle frame, in
     any world; its velocities are slopes of the poses, see `Reference.from_poses`.  An *odometry* is
-    a CSV file whose first line names the columns ``time`` (s), ``speed`` (m/s, negative backwards)
-    and ``yaw_rate`` (rad/s, counter-clockwise) or ``yaw_rate_deg`` (deg/s), or one of the two: what
-    is missing is nan, as its poses are.  A speed says nothing of v_y, which is taken to be zero, as
-    it nearly is in the middle of a rear axle.
+    a CSV file with the columns ``time`` (s) and ``speed`` (m/s, negative backwards), ``yaw_rate``
+    (rad/s, counter-clockwise; or ``yaw_rate_deg``) or both: what is missing is nan, as its poses
+    are.  With a speed, v_y is taken to be zero, as it nearly is in the middle of a rear axle.
     A *bag* has a ``topic`` of Odometry, TwistWithCovarianceStamped or TwistStamped.
 
     Raises a ``ValueError`` that names file and line if it is neither, or not in time order.
     """
     source = check_path("path", path)
-    found = load_bag_reference(source, topic) if is_bag(source) else _of_text(source)
+    if is_bag(source):
+        found = load_bag_reference(source, topic)
+    else:
+        text = decoded(source)
+        first = next((line for line in text.splitlines() if line.strip() and line[0] != "#"), "")
+        found = _poses(source, text) if len(first.split()) == _POSES else _odometry(source)
     if len(found.times) < 2 or not (np.diff(found.times) > 0.0).all():
         raise ValueError(
             f"{source} must have two lines or more, poses six, in strictly increasing time"
@@ -40,18 +44,11 @@ def load_reference(path: str | os.PathLike[str], topic: str | None = None) -> Re
     return found
 
 
-def _of_text(source: Path) -> Reference:
-    text = decoded(source)
-    first = next((line for line in text.splitlines() if line.strip() and line[0] != "#"), "")
-    return _poses(source, text) if len(first.split()) == _POSES else _odometry(source)
-
-
 def load_gyro(path: str | os.PathLike[str], topic: str | None = None) -> tuple[Array, Array]:
     """Times (n,) in s and yaw rates (n,) in rad/s of a gyro, for `Gyro`.
 
-    They are the columns ``time`` and ``yaw_rate`` (rad/s, counter-clockwise; or ``yaw_rate_deg``)
-    of a CSV file, or the messages sensor_msgs/Imu of a bag.  Raises a ``ValueError`` that names
-    file and line if it is neither.
+    They are columns of a CSV file, as of `load_reference`, or the messages sensor_msgs/Imu of a
+    bag.  Raises a ``ValueError`` that names file and line if it is neither.
     """
     source = check_path("path", path)
     if is_bag(source):

@@ -22,9 +22,9 @@ def read_pcd(path: Path, fields: Iterable[str]) -> dict[str, NDArray[Any]]:
     """
     with reading(path, "a binary PCD file of a radar"):
         rows = _rows(bytes_of(path))
-        for field in fields:
-            if field not in (rows.dtype.names or ()):
-                raise ValueError(f"it has no field {field!r}")
+        missing = [field for field in fields if field not in (rows.dtype.names or ())]
+        if missing:
+            raise ValueError(f"it has no field {missing[0]!r}")
         return {field: np.ascontiguousarray(rows[field]) for field in fields}
 
 
@@ -38,21 +38,16 @@ def _rows(content: bytes) -> NDArray[Any]:
     for line in content[: end.start()].decode("ascii").splitlines():
         key, *values = line.split() or [""]
         header[key] = values
-    layout = _layout(header)
+    if any(count != "1" for count in header.get("COUNT", [])):
+        raise ValueError("it has a field of several values")
+    columns = zip(header["FIELDS"], header["TYPE"], header["SIZE"], strict=True)
+    layout = np.dtype([(name, f"<{kind.lower()}{size}") for name, kind, size in columns])
     if not header["POINTS"][0].isdigit():
         raise ValueError(f"its header announces {header['POINTS'][0]} points")
-    count = int(header["POINTS"][0])
-    held = len(content) - end.end()
+    count, held = int(header["POINTS"][0]), len(content) - end.end()
     if held < count * layout.itemsize:
         raise ValueError(
             f"its header announces {count} points of {layout.itemsize} bytes, but {held} bytes "
             "follow"
         )
     return np.frombuffer(content, layout, count, end.end())
-
-
-def _layout(header: dict[str, list[str]]) -> np.dtype[Any]:
-    if any(count != "1" for count in header.get("COUNT", [])):
-        raise ValueError("it has a field of several values")
-    columns = zip(header["FIELDS"], header["TYPE"], header["SIZE"], strict=True)
-    return np.dtype([(name, f"<{kind.lower()}{size}") for name, kind, size in columns])
