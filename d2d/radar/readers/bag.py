@@ -1,10 +1,9 @@
 """Scans, mountings and references in bags of ROS 1 and ROS 2, also MCAP; needs rosbags."""
 
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -37,18 +36,11 @@ _NANOSECOND = 1e-9  # s
 _UNKNOWN, _PLANAR = 1e6, [0, 1, 5]  # variance; x, y and yaw among x, y, z, roll, pitch, yaw
 _SCANS = ("sensor_msgs/msg/PointCloud2", "radar_msgs/msg/RadarScan")
 _TYPES = {1: "i1", 2: "u1", 3: "<i2", 4: "<u2", 5: "<i4", 6: "<u4", 7: "<f4", 8: "<f8"}
-_NOT_KNOWN = SimpleNamespace(x=np.nan, y=np.nan)
-# How messages hold a twist and a pose; an Imu has no velocity.
-_MOTIONS: dict[str, Callable[[Any], tuple[Any, Any]]] = {
-    "nav_msgs/msg/Odometry": lambda message: (message.twist.twist, message.pose.pose),
-    "geometry_msgs/msg/TwistWithCovarianceStamped": lambda message: (message.twist.twist, None),
-    "geometry_msgs/msg/TwistStamped": lambda message: (message.twist, None),
-    "sensor_msgs/msg/Imu": lambda message: (
-        SimpleNamespace(linear=_NOT_KNOWN, angular=message.angular_velocity),
-        None,
-    ),
-}
-REFERENCES, GYROS = (*_MOTIONS,)[:3], (*_MOTIONS,)[3:]
+REFERENCES = (
+    *("nav_msgs/msg/Odometry", "geometry_msgs/msg/TwistWithCovarianceStamped"),
+    "geometry_msgs/msg/TwistStamped",
+)
+GYROS = ("sensor_msgs/msg/Imu",)
 
 
 def is_bag(path: Path) -> bool:
@@ -102,13 +94,16 @@ def load_bag_reference(
     with _opened(path) as bag:
         topic = _topic(path, bag, "the reference", kinds, topic)
         for message, stamp, kind in _messages(bag, topic):
-            twist, pose = _MOTIONS[kind](message)
-            row = [stamp, twist.linear.x, twist.linear.y, twist.angular.z]
-            if pose is None:
-                rows.append([*row, np.nan, np.nan, np.nan])
-            else:
-                at, turn = pose.position, pose.orientation
-                rows.append([*row, at.x, at.y, float(yaw_of(turn.w, turn.x, turn.y, turn.z))])
+            row = np.full(7, np.nan)
+            rows.append(row)
+            if kind in GYROS:
+                row[[0, 3]] = stamp, message.angular_velocity.z
+                continue
+            twist = getattr(message.twist, "twist", message.twist)
+            row[:4] = stamp, twist.linear.x, twist.linear.y, twist.angular.z
+            if kind == REFERENCES[0]:
+                at, turn = message.pose.pose.position, message.pose.pose.orientation
+                row[4:] = at.x, at.y, float(yaw_of(turn.w, turn.x, turn.y, turn.z))
     table = np.array(rows).reshape(-1, 7)
     if not np.isfinite(table[:, [0, 3]]).all():
         raise ValueError(f"{path}: the times and yaw rates of {topic} must be finite")

@@ -233,6 +233,8 @@ WHOLE = f"{HEADER}\n0,5,0,0"
         (WHOLE, {"sigma_range": 0.0}, "sigma_range must be positive"),
         (WHOLE, {"columns": {"time": "t0"}}, "columns t0, range, azimuth, dop"),
         (WHOLE, {"columns": {"length": "t0"}}, "columns must be one of time, r"),
+        (WHOLE, {"columns": {"time": ""}}, "columns must name the column of time, as in time=COL"),
+        ("time,x,y,doppler\n0,5,0,1\n1,0,0,1", {}, "line 3, where a scan begins: x and y must not"),
         (WHOLE, {"min_snr": 3.0}, "has no column snr, which min_snr needs"),
         (WHOLE, {"scan_gap": -1.0}, "scan_gap must be at least 0"),
         (f"time_ms{WHOLE[4:]}", {"time_unit": "ns"}, "time_ms is in ms, but is said to be in ns"),

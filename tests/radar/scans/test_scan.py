@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from d2d.radar import Mounting, RadarScan, doppler_velocity, quantisation_sigma
+from d2d.radar import ErrorBudget, Mounting, RadarScan, doppler_velocity, quantisation_sigma
 from d2d.radar.scans.scan import doppler_gradients
 from tests.radar.scenes import AROUND, CORNER, arc, frame
 from tests.strategies import central_difference
@@ -127,61 +127,10 @@ def test_doppler_velocity_broadcasts():
             assert result[index] == pytest.approx(alone[0], rel=1e-13)
 
 
-def test_doppler_velocity_names_what_does_not_fit():
-    """Breaks if a wrong shape or nan is passed on to the sum, or the message is einsum's own."""
-    for theta, azimuth, says in (
-        ([1.0, 2.0], [0.0], "^theta must have the shape"),
-        ([1.0, 2.0, np.nan], [0.0], "^theta must be finite"),
-        ([1.0, 2.0, 3.0], [np.inf], "^azimuth must be finite"),
-        ([1.0, 2.0, 3.0], [0.1, 88.0], "^azimuth must be in radians .* 88; are these degrees"),
-        ([1.0, 2.0, 3.0], 0.3, "^azimuth must have the shape"),
-        (np.zeros((4, 3)), np.zeros((3, 5)), "theta and azimuth do not broadcast"),
-    ):
-        with pytest.raises(ValueError, match=says):
-            doppler_velocity(theta, azimuth, Mounting())
-    with pytest.raises(ValueError, match=r"^interval must"):
-        random_scan().doppler_measurement(Mounting(), 0.0)
-
-
-def test_a_scan_names_what_it_refuses():
-    """Breaks if one bad target poisons a sum, or arrays are broadcast to another number of them."""
-    cases = [
-        *((name, [1.0, bad, 1.0], "finite") for name in ARGUMENTS for bad in (np.nan, -np.inf)),
-        *((name, [1.0, 0.0, 1.0], "positive") for name in ("range", *ARGUMENTS[3:])),
-        *((name, np.ones(shape), "have the shape") for name in ARGUMENTS for shape in (4, (3, 1))),
-        *((name, 0.1, "have the shape") for name in ("azimuth", "doppler")),
-        ("time", np.nan, "be"),
-        ("time", None, "be"),
-        ("azimuth", [0.0, 45.0, 0.0], "be in radians .*, but holds 45; are these degrees"),
-        ("range", [8e3, 25e3, 1.0], "be in m, at most 10000, but holds 25000; are these millim"),
-        ("extent", -0.1, "be at least 0"),
-        ("doppler", np.ma.masked_greater([0.0, 1.0, 99.0], 9.0), "not hold masked"),
-    ]
-    for name, bad, says in cases:
-        named = "azimuth" if name == "range" and np.shape(bad) == (4,) else name
-        with pytest.raises(ValueError, match=f"^{named} must .*{says}"):
-            RadarScan(**{**good_arguments(), name: bad})
-
-
 def test_help_can_be_read():
     """Breaks if an argument is shown as all types that NumPy takes for an array."""
     text = pydoc.render_doc(RadarScan, renderer=pydoc.plaintext)
     assert max(map(len, text.splitlines())) < 500
-
-
-def test_a_mounting_names_what_it_refuses():
-    """Breaks if a sensor 3.7 km ahead of its vehicle is believed."""
-    for name, bad, says in (
-        ("x", -3700.0, "in m, at most 100, but is -3700; are these millimetres"),
-        ("y", 870.0, "in m, at most 100, but is 870; are these millimetres"),
-        ("yaw", 90.0, "in radians .*, but is 90; are these degrees"),
-        ("x", np.nan, "finite"),
-        ("y", [1.0, 2.0], "a number"),
-        ("yaw", "left", "real numbers"),
-    ):
-        with pytest.raises(ValueError, match=f"^{name} must be .*{says}"):
-            Mounting(**{name: bad})
-    assert Mounting(30, -30, -2 * np.pi).pose.tolist() == [30.0, -30.0, -2 * np.pi]
 
 
 def test_a_scan_may_be_empty():
@@ -272,31 +221,85 @@ def test_errors_add_up():
     assert (rounded - values).std() == pytest.approx(quantisation_sigma(0.2), rel=0.01)
 
 
-def test_what_is_not_finite_or_out_of_shape_is_refused_by_name():
-    """Breaks if NumPy's words get through."""
-    good = {"x": X, "y": Y, "doppler": DOPPLER, **ERRORS}
-    cases = [
-        ({"x": X[:2]}, "y must have the shape"),
-        ({"x": 1.0, "y": 2.0}, "x must have the shape"),
+# ---- What is refused, by name
+
+THREE = [1.0, 2.0, 3.0]
+OF_SCAN = [
+    *((name, [1.0, bad, 1.0], "finite") for name in ARGUMENTS for bad in (np.nan, -np.inf)),
+    *((name, [1.0, 0.0, 1.0], "positive") for name in ("range", *ARGUMENTS[3:])),
+    *((name, np.ones((3, 1)), "have the shape") for name in ARGUMENTS),
+    *((name, np.ones(4), "have the shape") for name in ARGUMENTS[1:]),
+    *((name, 0.1, "have the shape") for name in ("azimuth", "doppler")),
+    *(("time", np.nan, "be"), ("time", None, "be")),
+    ("azimuth", [0.0, 45.0, 0.0], "be in radians .*, but holds 45; are these degrees"),
+    ("range", [8e3, 25e3, 1.0], "be in m, at most 10000, but holds 25000; are these millim"),
+    ("extent", -0.1, "be at least 0"),
+    ("doppler", np.ma.masked_greater([0.0, 1.0, 99.0], 9.0), "not hold masked"),
+]
+OF_MOUNTING = [
+    ("x", -3700.0, "be in m, at most 100, but is -3700; are these millimetres"),
+    ("y", 870.0, "be in m, at most 100, but is 870; are these millimetres"),
+    ("yaw", 90.0, "be in radians .*, but is 90; are these degrees"),
+    *(("x", np.nan, "be finite"), ("y", [1.0, 2.0], "be a number"), ("yaw", "left", "be .* real")),
+]
+OF_BUDGET = [
+    (name, value, "")
+    for name in ("azimuth", "doppler", "scale", "lag", "neighbours", "v_x", "v_y", "omega")
+    for value in (-0.1, np.nan, np.inf, 1e150, "a", [0.1, 0.2])
+]
+OF_DOPPLER = [
+    *(("theta", [1.0, 2.0], "have the shape"), ("theta", [1.0, 2.0, np.nan], "be finite")),
+    *(("azimuth", [np.inf], "be finite"), ("azimuth", 0.3, "have the shape")),
+    ("azimuth", [0.1, 88.0], "be in radians .* 88; are these degrees"),
+]
+OF_POSITIONS = [
+    *(("y", X[:2], "have the shape"), ("y", [np.nan, 1.0, 2.0], "be finite")),
+    *(("x", 1.0, "have the shape"), ("doppler", DOPPLER[:2], "have the shape")),
+    *(("covariance", np.ones((3, 2)), "have the shape"), ("covariance", -np.eye(2), "be positive")),
+    *(("grid", 0.0, "be positive"), ("grid", 1e300, "be"), ("step", [0.1], "be a number")),
+    *(("step", 1e300, "be"), ("sigma_range", -0.1, "be at least 0")),
+    *((f"sigma_{name}", 0.0, "be positive") for name in ("range", "doppler")),
+    ("sigma_azimuth", np.ones(4), "have the shape"),
+]
+POSITIONS = {"time": 0.0, "x": X, "y": Y, "doppler": DOPPLER, **ERRORS}
+MOTION = {"theta": THREE, "azimuth": [0.0], "mounting": Mounting()}
+
+
+@pytest.mark.parametrize(
+    ("make", "good", "cases"),
+    [
+        (RadarScan, good_arguments(), OF_SCAN),
+        (Mounting, {}, OF_MOUNTING),
+        (ErrorBudget, {}, OF_BUDGET),
+        (doppler_velocity, MOTION, OF_DOPPLER),
+        (RadarScan.from_cartesian, POSITIONS, OF_POSITIONS),
+    ],
+)
+def test_bad_input_is_refused_by_name(make, good, cases):
+    """Breaks if NumPy's words get through, one bad target poisons a sum, arrays are broadcast to
+    another number of targets, or a sensor 3.7 km ahead of its vehicle is believed."""
+    make(**good)
+    for name, bad, says in cases:
+        with pytest.raises(ValueError, match=f"^{name} must .*{says}"):
+            make(**(good | {name: bad}))
+
+
+def test_arguments_that_do_not_go_together_are_refused():
+    """Breaks if one of them is dropped, or the message is einsum's own."""
+    for change, says in (
         ({"x": [0.0, 1.0, 2.0], "y": [0.0, 1.0, 2.0]}, "x and y must not both be zero"),
-        ({"y": [np.nan, 1.0, 2.0]}, "y must be finite"),
-        ({"doppler": DOPPLER[:2]}, "doppler must have the shape"),
         ({"doppler": None}, "either doppler or velocity"),
         ({"velocity": np.zeros((3, 2))}, "either doppler or velocity"),
         ({"doppler": None, "velocity": np.zeros(3)}, "velocity must have the shape"),
-        ({"covariance": np.ones((3, 2))}, "covariance must have the shape"),
-        ({"covariance": -np.eye(2)}, "covariance must be positive definite"),
-        ({"grid": 0.0}, "grid must be positive"),
-        ({"grid": 1e300}, "grid must be"),
-        ({"step": [0.1]}, "step must be a number"),
-        ({"step": 1e300}, "step must be"),
-        ({"sigma_range": -0.1}, "sigma_range must be at least 0"),
-        ({"sigma_azimuth": np.ones(4)}, "sigma_azimuth must have the shape"),
-        ({"sigma_range": 0.0}, "sigma_range must be positive"),
-        ({"sigma_doppler": 0.0}, "sigma_doppler must be positive"),
-    ]
-    for change, says in cases:
+    ):
         with pytest.raises(ValueError, match=says):
-            RadarScan.from_cartesian(0.0, **(good | change))
+            RadarScan.from_cartesian(**(POSITIONS | change))
+    with pytest.raises(ValueError, match=r"^azimuth must have the shape"):
+        RadarScan(**(good_arguments() | {"range": np.ones(4)}))
+    with pytest.raises(ValueError, match="theta and azimuth do not broadcast"):
+        doppler_velocity(np.zeros((4, 3)), np.zeros((3, 5)), Mounting())
+    with pytest.raises(ValueError, match=r"^interval must"):
+        random_scan().doppler_measurement(Mounting(), 0.0)
     with pytest.raises(ValueError, match="step must be positive"):
         quantisation_sigma(-1.0)
+    assert Mounting(30, -30, -2 * np.pi).pose.tolist() == [30.0, -30.0, -2 * np.pi]
