@@ -12,7 +12,6 @@ from d2d import ANNEALED, PointSet
 from d2d.study import monte_carlo, scenarios
 from d2d.study.book import drawing, grammar, style
 from d2d.study.plane.evaluation import COSTS, at_truth
-from d2d.study.road.estimates import estimates_path, read_estimates
 from d2d.study.road.scores import read_scores
 
 DPI = 110  # of the page; 5 inches fit a phone, which has two pixels or more for each
@@ -62,19 +61,6 @@ def summing() -> Figure:
     axes[1].set_xlabel("ANEES, 1 is credible")
     style.letter_panels(axes)
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
-    return figure
-
-
-def road() -> Figure:
-    """Errors of v_x on a road, and how many errors lie in the regions that are stated for them."""
-    recorded = read_estimates(estimates_path(105))["sensor 3"].judged
-    figure, axes = plt.subplots(1, 2, figsize=(5.0, 2.6), width_ratios=(1.2, 1.0))
-    drawing.error_bands(
-        axes[0], recorded.times, recorded.errors[:, 0], recorded.sigmas[:, 0], "m/s", "$v_x$"
-    )
-    axes[0].set_xlabel("time (s)")
-    _shares_inside(axes[1])
-    style.letter_panels(axes)
     return figure
 
 
@@ -132,9 +118,9 @@ def road_tile() -> Figure:
 def main() -> None:
     """Draw all pictures and save them."""
     style.use_style()
-    pictures = {"finding-start": start, "finding-sum": summing, "finding-road": road}
+    pictures = {"finding-start": start, "finding-sum": summing, "figure-key": grammar.key}
     pictures |= {"tile-start": start_tile, "tile-sum": sum_tile, "tile-road": road_tile}
-    for name, draw in (pictures | {"figure-key": grammar.key}).items():
+    for name, draw in pictures.items():
         dpi = 3 * DPI if name.startswith("tile") else 2 * DPI
         figure = draw()
         figure.savefig(STATIC / f"{name}.png", dpi=dpi, metadata={"Software": None})

@@ -57,9 +57,10 @@ def figures(document: nodes.document, address: str, images: str) -> list[nodes.N
             continue
         picture: list[nodes.Node] = []
         if image is not None:
-            name, alt = Path(image["uri"]).stem, html.escape(image["alt"])
-            small = f'<img src="{images}/{name}.small.webp" alt="{alt}" loading="lazy">'
-            picture = [nodes.raw("", small, format="html")]
+            name, alt = Path(image["uri"]), html.escape(image["alt"])
+            small = f'<img src="{images}/{name.stem}.small.webp" alt="{alt}" loading="lazy">'
+            drawn = nodes.image(uri=image["uri"], candidates=image["candidates"], alt=image["alt"])
+            picture = [nodes.raw("", small, format="html") if name.suffix == ".png" else drawn]
         elif frame := _FRAME.search(figure.astext()):  # of an animation
             picture = [nodes.raw("", frame[0], format="html")]
         words = itertools.takewhile(lambda part: not isinstance(part, nodes.math), caption)
@@ -85,7 +86,7 @@ def fill(app: Sphinx, document: nodes.document, here: str) -> None:
             links = [*laboratories(read, address), *figures(read, address, images)]
             if links:
                 title = nodes.title("", env.titles[page].astext())
-                pictures = nodes.container("", *links, classes=["gallery"])
+                pictures = nodes.container("", *links, classes=["gallery", "full-width"])
                 ids = [nodes.make_id(f"of {page}")]
                 sections.append(nodes.section("", title, pictures, ids=ids))
         place.replace_self(sections)
@@ -96,7 +97,9 @@ def write_small(app: Sphinx, error: Exception | None) -> None:
     for path in (Path(app.outdir) / app.builder.imagedir).glob("*.png"):
         with Image.open(path) as picture:
             part = picture.convert("RGB").crop((0, 0, *np.minimum(picture.size, PART)))
-            ImageOps.fit(part, SMALL, centering=(0, 0)).save(path.with_suffix(".small.webp"))
+            ImageOps.fit(part, SMALL, centering=(0, 0)).save(
+                path.with_suffix(".small.webp"), quality=70
+            )
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
