@@ -539,13 +539,6 @@ the clock steps back, as between two runs of a logger, each part has files of it
 The first run compiles for up to a minute.
 """
 
-DATA_SETS = "\n".join(
-    f"    {PROGRAM} track --{each.name} ROOT {_flag(each.needed[0])} {each.trial[0]} "
-    f"{_flag(each.needed[1])} {' '.join(map(str, each.trial[1]))}"
-    for each in READERS.values()
-    if each.trial
-)
-
 # What a log holds, as the documentation says it.
 LOG = "\n\n".join((inspect.getdoc(load_csv) or "").replace("``", "").split("\n\n")[1:4])
 TRACK_EPILOG = f"""\
@@ -571,11 +564,12 @@ examples:
     {PROGRAM} track --csv raw.csv.gz --mounting radar 3.5 0 0 --scan-gap 0.01 --skip-invalid \\
         --columns time=stamp_ns,range=dist_m,azimuth=-angle_rad,doppler=rate
 
+  two radars with a file each, and errors that targets share:
+    {PROGRAM} track --csv left=a.csv --csv right=b.csv --mounting left 3.6 0.8 45 \\
+        --mounting right 3.6 -0.8 -45 --budget-azimuth 0.2 --budget-doppler 0.04
+
   a bag with mountings in /tf_static, and the result as messages:
     {PROGRAM} track --bag drive.mcap --topic /front/points /rear/points --output-bag result
-
-  data sets in their own layout:
-{DATA_SETS}
 
 What is printed at the end says how many estimates were accepted, and why the others were not:
 

@@ -108,6 +108,25 @@ def test_each_key_of_a_list_or_table(tmp_path, name, file):
         assert str(path) in assert_harmless(lambda: load(root), path)
 
 
+NEEDED = {
+    "radarscenes": ("data", "data/sequence_7", radarscenes.H5, radarscenes.SCENES),
+    "nuscenes": (*DATA_SETS["nuscenes"][2][:-1], "samples/RADAR_FRONT"),
+}
+
+
+@pytest.mark.parametrize("name", DATA_SETS)
+def test_what_is_missing_is_named_with_its_path(tmp_path, name):
+    """Breaks if the error comes from open() or h5py, or names another file than the missing one."""
+    write, load, _ = DATA_SETS[name]
+    root = write(tmp_path)
+    for gone in NEEDED[name]:
+        (root / gone).rename(tmp_path / "elsewhere")
+        with pytest.raises(FileNotFoundError, match="does not exist; it should be ") as caught:
+            load(root)
+        assert str(caught.value).startswith(str(root / gone))
+        (tmp_path / "elsewhere").rename(root / gone)
+
+
 def linked(file: h5py.File, other: Path) -> None:
     file["radar_data"] = h5py.ExternalLink(str(other), "radar_data")
 
