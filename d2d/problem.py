@@ -459,20 +459,6 @@ class Problem:
         """Share (..., K) of the inlier component in each target's density."""
         return self.of_targets(bound, (rows.SHARE,))[..., 0, :]
 
-    def widening_slopes(self, bound: Bound) -> Array:
-        """Derivatives (..., K) of each log q_k in a variance added to all targets, of either set.
-
-        With variances v added along each axis, S = S_0 + 2 v I for every pair of targets: by the
-        heat equation, the slope is the inlier component's share times the Laplacian of the density
-        of the position over itself.  The factor of the measurement does not depend on v.
-        """
-        outlier, pairs = self.form.outlier.copy(), bound.batch.pairs.copy()
-        outlier[layout.KIND] = layout.NO_OUTLIER
-        pairs[:, layout.FACTOR_START] = -1  # no measurements
-        positions = bound._replace(batch=bound.batch._replace(outlier=outlier, pairs=pairs))
-        second = self.of_targets(positions, (rows.CURVATURE[0], rows.CURVATURE[4]))
-        return np.asarray(self.inlier_shares(bound) * second.sum(axis=-2))
-
     def of_targets(self, bound: Bound, wanted: tuple[int, ...]) -> Array:
         """Rows of the kernel's scratch array for each target (..., rows, K)."""
         values = np.empty((len(bound.thetas), len(wanted), self.targets))

@@ -131,14 +131,11 @@ def calibrate(
     lag, a factor on v_x, a bias of omega, the side slip of `SlipLaw`, and an angle added to each
     mounting.  No registration is needed.
 
-    Raises a ``ValueError`` if two sensors have a scan in common, a sensor has fewer than two scans
-    with targets, all its Doppler velocities are zero, the vehicle stands still, the references
-    cover no scan, or an argument is invalid; and if the best fit cannot be true: residuals of more
-    than two standard deviations, a lag at a bound of the search, a speed that is wrong by more than
-    a quarter, as in km/h, an axle more than 2 m ahead of the origin or 8 m behind it, as with yaw
-    rates that count clockwise, or a mounting turned by more than half a turn.  Warns if the drive
-    has too little acceleration to determine the lag (standard deviation above 0.1 s), so that it is
-    held at zero.
+    Raises a ``ValueError`` if an argument is invalid, or the best fit cannot be true: residuals of
+    more than two standard deviations, a lag at a bound of the search, a speed that is wrong by more
+    than a quarter, as in km/h, an axle more than 2 m ahead of the origin or 8 m behind it, as with
+    yaw rates that count clockwise, or a mounting turned by more than half a turn.  Warns if the
+    drive has too little acceleration to determine the lag, which is then held at zero.
 
     Parameters
     ----------
@@ -154,13 +151,10 @@ def calibrate(
 
     Notes
     -----
-    Residuals are correlated in time, because the errors of the reference are, and between sensors.
-    The covariance is therefore that of a circular block bootstrap over time, in closed form, with
-    the length of `d2d.block_length`, enlarged because residuals are smaller than errors after a
-    fit.  It does not contain what varies more slowly than the recording is long.
-
-    A scan is left out if its sensor's velocity deviates from the reference, in standard deviations,
-    by more than five times the median of that sensor: in dense traffic most targets may move.
+    The covariance is that of a circular block bootstrap over time, in closed form, because the
+    reference's errors last, enlarged by what a fit uses up; it does not contain what varies more
+    slowly than the recording is long.  A scan is left out if its sensor's velocity deviates from
+    the reference, in standard deviations, by more than five times the median of that sensor.
 
     ``ahead`` and ``compliance`` can be told apart only if bends are driven at different speeds.
     The bias is held at zero if its standard deviation exceeds 0.3 deg/s, then ``ahead`` if its own
@@ -249,9 +243,10 @@ def _check(found: Fit, sigma_ahead: float, at_bound: bool) -> None:
             "the bound of the search; is the reference that of another drive?"
         )
     elif not _FACTORS[0] < 1.0 + speed < _FACTORS[1]:
+        hint = "are they in km/h" if speed > -1.0 else "is a radar mounted backwards"
         said = (
             f"a reference with speeds in m/s, but they would have to be multiplied by "
-            f"{1.0 + speed:.3f}; are they in km/h?"
+            f"{1.0 + speed:.3f}; {hint}?"
         )
     elif not _PLACES[0] - margin < ahead < _PLACES[1] + margin:
         said = (

@@ -46,13 +46,11 @@ class Measures(NamedTuple):
     ranked probability score (`d2d.crps`) of the errors, in m/s, m/s, deg/s.
 
     ``whitened_squares`` (3,) are the mean squares of the whitened errors, v_x given v_y and omega,
-    v_y given omega, and omega; ideally 1.  ``anees``, the average normalised estimation error
-    squared, is the mean of the three; see `d2d.credibility`.  ``log_score`` is the mean negative
-    log density of the errors, in m/s, m/s, rad/s (see `d2d.log_score`), and ``log_scores`` (3,) are
-    what each of the three contributes to it.
-
-    ``coverages`` (3, 3) are the shares of the whitened errors, directions by levels, within the
-    central 50, 95 and 99 %; ``coverage`` (3,) those of the errors within the ellipsoids.
+    v_y given omega, and omega; ideally 1, and ``anees`` is their mean (`d2d.credibility`).
+    ``log_score`` is the mean negative log density of the errors, in m/s, m/s, rad/s
+    (`d2d.log_score`), and ``log_scores`` (3,) are the parts of the three.  ``coverages`` (3, 3) are
+    the shares of the whitened errors, directions by levels, within the central 50, 95 and 99 %;
+    ``coverage`` (3,) those of the errors within the ellipsoids.
     """
 
     mean_error: Array
@@ -337,18 +335,6 @@ def check_reference(track: Track, reference: Reference) -> None:
         known = np.isfinite(theirs)
         return theirs[known], theta[known, axis]
 
-    axis, whose = (0, "speeds") if len(both(0)[0]) else (2, "yaw rates")
-    if len(both(axis)[0]) <= _PAIRS:
-        return
-    span = min(0.5 * float(np.ptp(times)), _CLOCKS)
-    lags = np.arange(-span, span + 0.1, 0.1).tolist()
-    tried = [(_unexplained(*both(axis, lag)), lag) for lag in lags]
-    rest, lag = min(tried)
-    if rest < _ALIKE and _unexplained(*both(axis)) > 4.0 * rest and abs(lag) > _OFF:
-        raise ValueError(
-            f"reference must have the track's clock, but its {whose} are those of {lag:+.1f} s "
-            "later"
-        )
     for axis, name, hint in ((0, "speed", "km/h"), (2, "yaw rate", "deg/s, or clockwise")):
         theirs, own = both(axis)
         slope = float(theirs @ own) / max(float(theirs @ theirs), 1e-12)
@@ -358,6 +344,15 @@ def check_reference(track: Track, reference: Reference) -> None:
                 f"reference must have the track's {name}, but would have to be multiplied by "
                 f"{slope:.3f}; is it in {hint}?"
             )
+    axis, whose = (0, "speeds") if len(both(0)[0]) else (2, "yaw rates")
+    span = min(0.5 * float(np.ptp(times)), _CLOCKS) if len(both(axis)[0]) > _PAIRS else 0.0
+    lags = np.arange(-span, span + 0.1, 0.1).tolist()
+    rest, lag = min((_unexplained(*both(axis, lag)), lag) for lag in lags)
+    if rest < _ALIKE and _unexplained(*both(axis)) > 4.0 * rest and abs(lag) > _OFF:
+        raise ValueError(
+            f"reference must have the track's clock, but its {whose} are those of {lag:+.1f} s "
+            "later"
+        )
 
 
 def _unexplained(theirs: Array, own: Array) -> float:

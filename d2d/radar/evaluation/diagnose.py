@@ -3,6 +3,7 @@
 import itertools
 import sys
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,7 +17,7 @@ from d2d.radar.evaluation.sensor_motion import (
     latest,
     range_rates_agree,
 )
-from d2d.radar.scans.scan import RadarScan
+from d2d.radar.scans.scan import Mounting, RadarScan
 from d2d.radar.tracks.rounds import Sensors, SensorScans, named_sensors
 from d2d.radar.tracks.track import Track
 
@@ -37,10 +38,7 @@ _SURE = 4.0  # standard deviations of a heading
 _SQUARE = np.deg2rad(8.0)  # from a right angle
 _LATE, _LIKELIER, _USELESS = 0.07, 12.5, 0.2  # s, nats, s between clocks
 _AGREED, _TRAFFIC = 0.6, 0.4  # shares: range rates that are right, targets of one motion
-_POOR = 0.25  # share of a sensor's targets that agree; of right logs half and more do
 _CONTRARY = 10.0  # ANEES between two sensors; real ones have up to 3 with their budget
-_ASIDE = np.deg2rad([50.0, 130.0])  # boresights to the side
-_SLIPPING = 0.05  # m/s, standard deviation of v_y, below which a slip law holds it
 _SHOWN = 3  # stretches without estimates
 
 
@@ -93,7 +91,7 @@ def diagnose(
     # scans whose order is not known have no intervals, and wrong targets explain the rest
     if len(driven.segments) == 1 and not any(each.sure for each in found):
         found += _of_motion(log, driven)
-    return (*found, *_of_track(log, driven, alone or {}))
+    return (*found, *_of_track(driven, alone or {}))
 
 
 # ---- Targets and times, without any estimate
@@ -101,27 +99,24 @@ def diagnose(
 
 def _of_targets(name: str, scans: Sequence[RadarScan]) -> Iterator[Finding]:
     """Findings from the values and the times of a sensor's targets."""
-    azimuth = np.concatenate([[], *(scan.azimuth for scan in scans)])
-    if len(azimuth) < _SEEN:
+    fields = ("azimuth", "range", "sigma_azimuth")
+    values = [np.concatenate([[], *(getattr(scan, field) for scan in scans)]) for field in fields]
+    if len(values[0]) < _SEEN:
         return
     yield from _of_times(name, scans)
-    widest = np.rad2deg(float(np.abs(azimuth).max()))
+    widest = np.rad2deg(float(np.abs(values[0]).max()))
+    distance, degrees = float(np.median(values[1])), np.rad2deg(float(np.median(values[2])))
     if widest < _NARROW:
         about = f"all azimuths are within {widest:.2f} deg of the boresight; leave --degrees out"
         yield Finding("azimuths in radians, read as degrees", name, widest, "deg", True, about)
-    distance = float(np.median(np.concatenate([scan.range for scan in scans])))
     if distance > _FAR:
         about = f"half of them are beyond {distance:.0f} m"
         yield Finding("ranges in cm", name, distance, "m", True, about)
-    degrees = np.rad2deg(float(np.median(np.concatenate([scan.sigma_azimuth for scan in scans]))))
-    if degrees < _PRECISE:
-        symptom, about = "standard deviation of the azimuth too small", "is this rad?"
-    elif degrees > _COARSE:
-        symptom, about = "standard deviation of the azimuth too large", "are these degrees?"
-    else:
-        return
-    about = f"{degrees:.2g} deg is stated; {about}"
-    yield Finding(symptom, name, degrees, "deg", degrees < _PRECISE, about)
+    small = degrees < _PRECISE
+    if small or degrees > _COARSE:
+        symptom = f"standard deviation of the azimuth too {'small' if small else 'large'}"
+        about = f"{degrees:.2g} deg is stated; {'is this rad' if small else 'are these degrees'}?"
+        yield Finding(symptom, name, degrees, "deg", small, about)
 
 
 def _of_times(name: str, scans: Sequence[RadarScan]) -> Iterator[Finding]:
@@ -179,36 +174,27 @@ def _of_steps(driven: Track) -> Iterator[Finding]:
 
 def _of_motion(log: Mapping[str, SensorScans], driven: Track) -> list[Finding]:
     """Clocks that are apart, or else faults that a transformation undoes and turned mountings."""
-    motions = {name: SensorMotion.of(*sensor) for name, sensor in log.items()}
+    motions = {name: SensorMotion.of(*sensor, driven) for name, sensor in log.items()}
     clocks = list(_of_clocks(motions))
     if any(each.sure for each in clocks):
         return clocks
-    poor = [
-        Finding(
-            "few targets fit", name, motion.share, "share", False, "one motion; noise, traffic?"
-        )
-        for name, motion in motions.items()
-        if len(log) > 1 and motion.share < _POOR
-    ]
     headings = {
-        name: motion.heading(driven)
+        name: motion.heading
         for name, motion in motions.items()
         if motion.share > _TRAFFIC  # else what few targets agree on is an accident
     }
-    off = {name: heading for name, (heading, _) in headings.items() if abs(heading) > _TURNED}
+    off = {
+        name: _aligned(log[name][1], heading)
+        for name, (heading, _) in headings.items()
+        if abs(heading) > _TURNED
+    }
     agreed = [range_rates_agree(scans) for scans, _ in log.values()]
     scaled = all(share > _AGREED for share in agreed)
     likelier = likelier_without(log, off, scaled=scaled)
     if likelier:
+        about = "intervals are {:.1f} nats more likely without it"
         return clocks + [
-            Finding(
-                fault.symptom,
-                fault.sensor,
-                nats,
-                "nats",
-                True,
-                f"intervals are {nats:.1f} nats more likely without it",
-            )
+            Finding(fault.symptom, fault.sensor, nats, "nats", True, about.format(nats))
             for fault, nats in likelier
         ]
     share = min(motion.share for motion in motions.values())
@@ -222,7 +208,12 @@ def _of_motion(log: Mapping[str, SensorScans], driven: Track) -> list[Finding]:
         for each in _of_headings(headings, log)
         if each.sure or each.sensor not in told  # what is distorted seems turned
     ]
-    return [*clocks, *poor, *turned, *distorted]
+    return [*clocks, *turned, *distorted]
+
+
+def _aligned(mounting: Mounting, heading: float) -> Mounting:
+    """The mounting with which its sensor shows a drive straight ahead."""
+    return replace(mounting, yaw=float(wrapped(mounting.yaw - heading)))
 
 
 def _of_headings(
@@ -243,7 +234,7 @@ def _of_headings(
             yield Finding("the vehicle drives backwards", name, degrees, "deg", False, about)
             continue
         stated = ", ".join(
-            f"--mounting {sensor} {at.x:g} {at.y:g} {np.rad2deg(wrapped(at.yaw - heading)):.1f}"
+            f"--mounting {sensor} {at.x:g} {at.y:g} {np.rad2deg(_aligned(at, heading).yaw):.1f}"
             for sensor, (_, at) in log.items()
             if name in ("", sensor)
         )
@@ -281,9 +272,7 @@ def _of_distortion(motions: Mapping[str, SensorMotion]) -> Iterator[Finding]:
 # ---- The track
 
 
-def _of_track(
-    log: Mapping[str, SensorScans], driven: Track, alone: Mapping[str, Track]
-) -> Iterator[Finding]:
+def _of_track(driven: Track, alone: Mapping[str, Track]) -> Iterator[Finding]:
     """Findings from the track and those of single sensors."""
     for (first, one), (second, other) in itertools.combinations(alone.items(), 2):
         anees = agreement(one, other)
@@ -300,13 +289,6 @@ def _of_track(
         about = f"no estimate {spans}; the path is guessed there"
         lasting = longest[0][1] - longest[0][0]
         yield Finding("a stretch without estimates", "", lasting, "s", False, about)
-    sigmas = np.sqrt(driven.covariance[driven.converged, 1, 1])
-    if len(log) == 1 and len(sigmas) and np.median(sigmas) > _SLIPPING:
-        ((name, (_, mounting)),) = log.items()
-        yaw = abs(float(wrapped(mounting.yaw)))
-        if _ASIDE[0] < yaw < _ASIDE[1]:
-            about = f"it looks {np.rad2deg(yaw):.0f} deg aside; --side-slip, or more sensors"
-            yield Finding("one radar to the side", name, np.rad2deg(yaw), "deg", False, about)
 
 
 def agreement(first: Track, second: Track) -> float:

@@ -32,6 +32,11 @@ _ASKEW, _AHEAD = 3.0, math.cos(math.radians(15.0))  # nats against a vehicle tha
 _KNOWN = 5.0  # standard deviations of a speed that has a direction
 _SPEEDS = np.array([0.0, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 30.0, 45.0])  # m/s, where a search starts
 _LEAST_LIMIT = 0.5  # m/s, of Doppler velocities that fold
+# Velocities at which they may be unfolded, and how many of these are tried.
+_AHEAD_OR_TURNING = np.array(
+    [[v, 0.0, w] for v in np.arange(0.0, 60.0, 0.25) for w in np.linspace(-0.4, 0.4, 9)]
+)
+_UNFOLDINGS = 3
 
 
 class Epoch(dict[str, ScanPair]):
@@ -60,12 +65,12 @@ class Fault(NamedTuple):
 
 
 def likelier_without(
-    log: Mapping[str, SensorScans], turned: Mapping[str, float], *, scaled: bool
+    log: Mapping[str, SensorScans], turned: Mapping[str, Mounting], *, scaled: bool
 ) -> list[tuple[Fault, float]]:
     """The faults without which the log is clearly more likely, and by how many nats an interval.
 
-    Mountings that are ``turned`` by angles (rad) are another explanation: there is no fault if it
-    is better.  If ranges, Doppler velocities and times are known to be ``scaled`` rightly, their
+    Mountings that are ``turned`` are another explanation, with these: there is no fault if it is
+    better.  If ranges, Doppler velocities and times are known to be ``scaled`` rightly, their
     faults are not tried.
     """
     epochs = _epochs(log)
@@ -89,7 +94,7 @@ def likelier_without(
     if not likelier:
         return []
     best = max((each for _, each in likelier), key=lambda each: np.median(each) + each.mean())
-    aligned = gains(Fault("", "", partial(_turned, angles=turned)))
+    aligned = gains(Fault("", "", partial(_mounted, mountings=turned)))
     if turned and _is_clear(aligned - best):
         return []
     return [
@@ -100,10 +105,14 @@ def likelier_without(
 
 
 def _is_clear(gains: Array) -> bool:
-    """Whether nats (n,) of single intervals together speak for a fault."""
+    """Whether nats (n,) of single intervals together speak for a fault.
+
+    A fault may show in some intervals only, as a fold does when the vehicle is fast, so that chance
+    is judged by what speaks against it.
+    """
     clipped = np.clip(gains, -_MOST, _MOST)
-    spread = math.sqrt(len(clipped)) * float(clipped.std())
-    return bool(clipped.sum() > max(_TELLING, _SIGMAS * spread))
+    chance = math.sqrt(2.0 * float((np.minimum(clipped, 0.0) ** 2).sum()))
+    return bool(clipped.sum() > max(_TELLING, _SIGMAS * chance))
 
 
 def _epochs(log: Mapping[str, SensorScans]) -> list[Epoch]:
@@ -162,12 +171,12 @@ def _table(log: Mapping[str, SensorScans]) -> Iterator[Fault]:
     width = max(DEFAULT_DOPPLER_WIDTH, float(np.ptp(values)))
     volume = -math.log(width)
     yield Fault("Doppler velocities show another motion", "", Epoch, volume, doppler=False)
-    yaw = {name: mounting.yaw for name, (_, mounting) in log.items()}
-    if max(map(abs, yaw.values())) < np.deg2rad(2.0 * np.pi):
-        excess = {name: angle - float(np.rad2deg(angle)) for name, angle in yaw.items()}
-        yield Fault("yaw of the mountings in radians", "", partial(_turned, angles=excess))
+    at = {name: mounting for name, (_, mounting) in log.items()}
+    if max(abs(each.yaw) for each in at.values()) < 2.0 * math.pi / math.degrees(1.0):
+        degrees = {name: replace(each, yaw=math.degrees(each.yaw)) for name, each in at.items()}
+        yield Fault("yaw of the mountings in radians", "", partial(_mounted, mountings=degrees))
     for first, second in itertools.combinations(log, 2):
-        exchanged = {first: log[second][1], second: log[first][1]}
+        exchanged = {first: at[second], second: at[first]}
         both = f"{first} and {second}"
         yield Fault("sensors are swapped", both, partial(_mounted, mountings=exchanged))
 
@@ -208,16 +217,6 @@ def _mounted(epoch: Epoch, mountings: Mapping[str, Mounting]) -> Epoch:
     )
 
 
-def _turned(epoch: Epoch, angles: Mapping[str, float]) -> Epoch:
-    """The interval with angles in rad taken off the mountings of some sensors."""
-
-    def turned(name: str, pair: ScanPair) -> ScanPair:
-        yaw = float(wrapped(pair.mounting.yaw - angles.get(name, 0.0)))
-        return pair._replace(mounting=replace(pair.mounting, yaw=yaw))
-
-    return epoch.changed(turned)
-
-
 def wrapped(angle: Any) -> Any:
     """Angles in rad from -pi to pi."""
     return np.arctan2(np.sin(angle), np.cos(angle))
@@ -244,14 +243,29 @@ def _with_velocity(epoch: Epoch, velocity: Array) -> Epoch:
 
 
 def _unfolded(epoch: Epoch, limit: float) -> Epoch:
-    """The interval with Doppler velocities unfolded to those nearest to static targets'."""
-    velocity = epoch.by_positions.theta
+    """The most likely interval with Doppler velocities unfolded to those of static targets.
 
-    def turns(pair: ScanPair) -> Array:
-        static = doppler_velocity(velocity, pair.current.azimuth, pair.mounting)
-        return 2.0 * limit * np.round((static - pair.current.doppler) / (2.0 * limit))
+    They are unfolded about the velocities at which most of them are those of static targets but
+    for a multiple of twice the limit.
+    """
 
-    return _with_doppler(epoch, turns)
+    def rest(pair: ScanPair, velocities: Array) -> Array:
+        static = doppler_velocity(velocities, pair.current.azimuth, pair.mounting)
+        return np.asarray(static - pair.current.doppler)
+
+    def disagreement(pair: ScanPair) -> Array:
+        scan, speed = pair.current, _AHEAD_OR_TURNING[:, :1]
+        off = (rest(pair, _AHEAD_OR_TURNING) + limit) % (2.0 * limit) - limit
+        sigma = 3.0 * np.hypot(scan.sigma_doppler, scan.sigma_azimuth * speed)
+        return np.asarray(np.minimum((off / sigma) ** 2, 1.0).sum(axis=-1))
+
+    def unfolded(velocity: Array) -> Epoch:
+        turns = 2.0 * limit
+        return _with_doppler(epoch, lambda pair: turns * np.round(rest(pair, velocity) / turns))
+
+    agreed = np.argsort(sum(map(disagreement, epoch.values())))
+    tried = [epoch.by_positions.theta, *_AHEAD_OR_TURNING[agreed[:_UNFOLDINGS]]]
+    return max(map(unfolded, tried), key=_likelihood)
 
 
 def _with_doppler(epoch: Epoch, added: Callable[[ScanPair], Array]) -> Epoch:

@@ -80,10 +80,8 @@ def fit_budget(
     of causes, such as an azimuth bias, each of which changes every estimate in its own way.
     Neither holds where few targets are left.
 
-    Raises a ``ValueError`` that names the argument unless shapes match, there are more errors than
-    numbers, all is finite, the covariances are symmetric and positive definite, and each effect has
-    a name of the budget, a linear one, is a covariance but not zero, and differs from the others in
-    some estimates.
+    Raises a ``ValueError`` that names the argument if shapes or values are wrong, there are fewer
+    errors than numbers, or two effects are the same in all estimates.
 
     Parameters
     ----------
@@ -104,13 +102,11 @@ def fit_budget(
     their squares u and the effects E; a number is zero if the score rises from there on.  Numbers
     and noise are told apart where the shares of the effects differ between estimates.
 
-    The standard errors allow for errors that stay the same for a while, and for errors that are not
-    Gaussian (sandwich).  With B, the variance of the sum of the scores' slopes in u, from
-    overlapping blocks of successive estimates (`d2d.block_length`), and the information H, whose
-    entries are half the sums of the traces of P_i E_ij P_i E_ik with the inverse covariances P, u
-    has the covariance ``H^-1 B H^-1``.  The standard error of a number c is that of u over 2 c or,
-    near zero, its root.  Intervals are computed in u.  They cannot know of errors that change from
-    drive to drive, if all are of one drive.
+    The standard errors allow for errors that stay the same for a while, and that are not Gaussian:
+    u has the covariance ``H^-1 B H^-1`` (sandwich) with the information H and the variance B of the
+    sum of the scores' slopes, from overlapping blocks of successive estimates (`d2d.block_length`).
+    Intervals are computed in u.  They cannot know of errors that change from drive to drive, if all
+    are of one drive.
 
     Examples
     --------

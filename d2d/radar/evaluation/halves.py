@@ -36,12 +36,9 @@ def compare_tracks(first: Track, second: Track) -> Comparison:
     mean of independent errors, ``(1 - w)^2 Sigma_i + w^2 Sigma_j``, which is too small for errors
     that change slowly.  Estimates at equal times are not affected.
 
-    The difference contains the noise of both tracks, correlations between the targets of each, and
-    the biases of each sensor, such as an error of its mounting.  A bias shows as a mean whitened
-    error that is not zero, or as one that changes slowly.  Whatever the tracks have in common
-    cancels, such as the lag of a common clock or a motion that is not constant over the interval.
-    Credible differences therefore do not prove credible estimates.  `compare_halves` separates
-    noise from correlation, without biases.
+    The difference contains the noise of both tracks and the biases of each sensor, which show as a
+    mean whitened error that is not zero or changes slowly.  What the tracks have in common cancels,
+    such as the lag of a common clock, so that credible differences do not prove credible estimates.
     """
     check_instance("first", first, Track)
     check_instance("second", second, Track)
@@ -84,31 +81,21 @@ def compare_halves(
         As for `track`.
     rng : numpy.random.Generator
     by : {"target", "object"}
-        What goes to a half as a whole: each target, or each cluster of targets.  Two targets of a
-        scan are in the same cluster if a chain of targets joins them in steps of at most
-        ``distance`` (single linkage).  In random order, each goes to the half that is smaller so
-        far.
+        What goes to a half as a whole: each target, or each cluster of targets that a chain of
+        steps of at most ``distance`` joins (single linkage).  In random order, each goes to the
+        half that is smaller so far.
     distance : float, m
-        Largest step within a cluster, for ``by="object"``.  It should be longer than the steps
-        within an object, and shorter than those between objects.
+        Largest step within a cluster: longer than those within an object, and shorter than those
+        between objects.
 
     Notes
     -----
     Errors that all targets of a sensor have in common (mounting, Doppler scale, clock), or all
-    estimates (a motion that is not constant over the interval), cancel in the difference.  What is
-    left:
-
-    - **By target** it shows whether the standard deviations of single targets are right.  The
-      targets of an object are in both halves, so that their common error counts as if each had its
-      own.
-    - **By object**, a common error is in one half only, and counts with its full weight.  If all
-      errors are independent, both ways give the same ANEES.  If the errors of an object's
-      targets are correlated, the ANEES by object is larger: by that factor the covariances are too
-      small because of the correlation.  Objects also lie in different directions, and some move, so
-      that a bias that depends on the azimuth, and traffic that is not rejected, show up too.
-
-    Targets that share a counterpart in the scan before share its error, which makes the differences
-    a little smaller than the covariances say.
+    estimates (a motion that is not constant over the interval), cancel in the difference.  By
+    target it shows whether the standard deviations of single targets are right.  By object, errors
+    that the targets of an object share are in one half only and count with their full weight: by
+    the factor between the two ANEES the covariances are too small because of the correlation.  A
+    bias that depends on the azimuth, and traffic that is not rejected, show up there, too.
 
     Examples
     --------

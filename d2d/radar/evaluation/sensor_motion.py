@@ -1,5 +1,6 @@
 """How single sensors move by their Doppler velocities: mountings, clocks and distortions."""
 
+import itertools
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
@@ -9,14 +10,14 @@ from scipy.ndimage import median_filter
 from d2d._types import Array
 from d2d.radar.evaluation.calibration_model import scan_velocities
 from d2d.radar.evaluation.faults import wrapped
+from d2d.radar.evaluation.sandwich import covariance_of_sum
 from d2d.radar.scans.scan import Mounting, RadarScan
 from d2d.radar.tracks.track import Track
 
 _SEEN = 5  # targets of a scan, and scans, that show a velocity
 _KNOWN = 6.0  # standard deviations of a speed that has a direction
-_LEVER = 1.5  # m, standard deviation of a lever arm that is not known
+_LEVER = 0.3, 0.5  # m, and of the sensor's distance from the origin: a lever arm that is not known
 _UNKNOWN = np.deg2rad(0.5)  # error of a heading in a bend whose yaw rate is not known
-_LASTING = 1.0  # s, for which the errors of a sensor's velocity are about the same
 _AGREED = 0.1, 0.3  # relative and in m/s: a speed that a supported track and its sensor share
 
 _FEW, _WAITED = 10, (1.0, 0.3)  # targets, s until a later scan of few targets, and of more
@@ -24,7 +25,8 @@ _DRIFT, _CHANGED = 0.05, 5.0  # rad that targets ahead move aside until then; m/
 
 _LAG_STEP, _LAGS = 0.05, 20.0  # s, of the lags between two clocks, and the longest
 _SMOOTHED = 5  # scans, whose median leaves out those that follow traffic
-_OVERLAP = 30  # scans of one sensor within the times of another
+_LASTING = 1.0  # s, for which the errors of a sensor's velocity are about the same
+_USED, _OVERLAP = 200, 30  # scans of a sensor for its clock; within the times of another
 _EXPLAINED = 0.8  # of a sensor's changing velocity, by that of another at the right lag
 
 _BINS, _IN_BIN = 16, 60  # azimuths of about as many targets, and how many at least
@@ -38,47 +40,52 @@ class SensorMotion(NamedTuple):
     times: Array  # (n,)
     velocity: Array  # (n, 2), m/s, along the vehicle's axes
     covariance: Array  # (n, 2, 2)
+    tracked: Array  # (n, 3), of the vehicle by a track; nan where it has none
     mounting: Mounting
     scans: list[RadarScan]
     share: float  # of the targets of all scans that agree on these velocities
 
     @classmethod
-    def of(cls, scans: Sequence[RadarScan], mounting: Mounting) -> "SensorMotion":
+    def of(cls, scans: Sequence[RadarScan], mounting: Mounting, driven: Track) -> "SensorMotion":
         """The velocities of all scans with five targets and more that determine one."""
         seen = [scan for scan in scans if scan.size >= _SEEN]
         if not seen:
-            return cls(np.empty(0), np.empty((0, 2)), np.empty((0, 2, 2)), mounting, [], 1.0)
+            empty = np.empty((0, 2))
+            return cls(empty[:, 0], empty, np.empty((0, 2, 2)), np.empty((0, 3)), mounting, [], 1.0)
         shown = scan_velocities([(seen, mounting)])
         good = (np.linalg.cond(shown.information) < 1e4) & (shown.targets >= _SEEN)
-        covariance = np.linalg.inv(shown.information[good])
+        times, covariance = shown.time[good], np.linalg.inv(shown.information[good])
         velocity = np.einsum("kij,kj->ki", covariance, shown.projection[good])
         kept = [scan for scan, use in zip(seen, good, strict=True) if use]
         share = float(shown.targets[good].sum() / sum(scan.size for scan in seen))
-        return cls(shown.time[good], velocity, covariance, mounting, kept, share)
+        usable = len(driven.segments) == 1 and driven.support.enough
+        tracked = driven.at(times).theta if usable else np.full((len(times), 3), np.nan)
+        return cls(times, velocity, covariance, tracked, mounting, kept, share)
 
     @property
     def sigma(self) -> Array:
         """Standard deviations (n,) of the velocity, of both components together."""
         return np.asarray(np.sqrt(np.trace(self.covariance, axis1=1, axis2=2)))
 
-    def heading(self, driven: Track) -> tuple[float, float]:
+    @property
+    def origin(self) -> Array:
+        """Velocities (n, 2) of the vehicle's origin; the sensor's own where nothing is tracked."""
+        lever = np.array([self.mounting.y, -self.mounting.x])
+        return np.asarray(self.velocity + np.nan_to_num(self.tracked[:, 2:]) * lever)
+
+    @property
+    def heading(self) -> tuple[float, float]:
         """The direction in which the vehicle's origin drives, and its standard deviation, in rad.
 
         Seen from an origin on the rear axle it is zero if the mounting is right.  A lever arm c
         along x that is not known adds c omega / v in bends.
         """
-        if len(driven.segments) > 1 or not driven.support.enough:
-            known = np.full((len(self.times), 3), np.nan)
-        else:
-            known = driven.at(self.times).theta
-        omega, guessed = np.nan_to_num(known[:, 2]), np.isnan(known[:, 2]).all()
-        origin = self.velocity + omega[:, None] * [self.mounting.y, -self.mounting.x]
+        origin, omega = self.origin, np.nan_to_num(self.tracked[:, 2])
         speed = np.hypot(*origin.T)
-        fast = speed > _KNOWN * self.sigma
-        if not guessed:
-            fast &= np.isfinite(known[:, 2])
-            tracked = np.hypot(*known[:, :2].T)
-            fast &= np.abs(speed - tracked) < _AGREED[0] * tracked + _AGREED[1]
+        fast, guessed = speed > _KNOWN * self.sigma, np.isnan(self.tracked).all()
+        if not guessed:  # what follows traffic shows another speed
+            known = np.hypot(*self.tracked[:, :2].T)
+            fast &= np.abs(speed - known) < _AGREED[0] * known + _AGREED[1]
         if fast.sum() < _SEEN:
             return np.nan, np.nan
         angle = np.arctan2(origin[fast, 1], origin[fast, 0])
@@ -89,11 +96,14 @@ class SensorMotion(NamedTuple):
         spread = max(1.4826 * _weighted_median(np.abs(off - center), weight), np.deg2rad(0.1))
         near = np.abs(off - center) < 5.0 * spread
         columns = np.column_stack([np.ones(near.sum()), (omega[fast] / speed[fast])[near]])
-        interval = max(float(np.median(np.diff(self.times))), 1e-3)
-        share = weight[near] / weight[near].max() / max(_LASTING / interval, 1.0) / spread**2
-        information = columns.T @ (share[:, None] * columns)
-        covariance = np.linalg.inv(information + np.diag([0.0, _LEVER**-2]))
-        best = covariance @ columns.T @ (share * off[near])
+        share = weight[near] / weight[near].max() / spread**2
+        lever = np.hypot(_LEVER[0], _LEVER[1] * np.hypot(self.mounting.x, self.mounting.y))
+        inverse = np.linalg.inv(columns.T @ (share[:, None] * columns) + np.diag([0.0, lever**-2]))
+        best = inverse @ columns.T @ (share * off[near])
+        scores = (share * (off[near] - columns @ best))[:, None] * columns
+        covariance = inverse @ covariance_of_sum(scores)[0] @ inverse
+        # the lever arm is known from the prior alone, which the scores do not show
+        covariance += np.outer(inverse[:, 1], inverse[:, 1]) * lever**-2
         sigma = np.hypot(np.sqrt(covariance[0, 0]), _UNKNOWN if guessed else 0.0)
         return float(wrapped(middle + best[0])), float(sigma)
 
@@ -136,9 +146,14 @@ def range_rates_agree(scans: Sequence[RadarScan]) -> float:
 
 def latest(motions: Mapping[str, SensorMotion]) -> tuple[str, float, float]:
     """The sensor whose clock most surely is late beside the others', by how much (s), and nats."""
+    lags = {
+        pair: _lag(motions[pair[0]], motions[pair[1]])
+        for pair in itertools.combinations(motions, 2)
+    }
+    lags |= {(b, a): (-lag, nats) for (a, b), (lag, nats) in lags.items()}
     found = []
-    for name, own in motions.items():
-        beside = [_lag(own, other) for other in motions.values() if other is not own]
+    for name in motions:
+        beside = [each for (own, _), each in lags.items() if own == name]
         # beside a late one the others seem early, but not beside each other
         nats = sorted(more for _, more in beside)[(len(beside) - 1) // 2]
         found.append((name, float(np.median([lag for lag, more in beside if more >= nats])), nats))
@@ -148,31 +163,37 @@ def latest(motions: Mapping[str, SensorMotion]) -> tuple[str, float, float]:
 def _lag(own: SensorMotion, other: SensorMotion) -> tuple[float, float]:
     """The most likely lag of a sensor beside another in s, and the nats that it gains.
 
-    Both components of the sensor's velocity are regressed on those of the other a lag before, so
-    that neither mountings nor lever arms matter.
+    At the right lag, both show one velocity of the vehicle's origin, but for the angle of a
+    mounting that may be wrong.
     """
     if min(len(own.times), len(other.times)) < _OVERLAP:
         return 0.0, 0.0
-    mine, theirs = (median_filter(each.velocity, (_SMOOTHED, 1)) for each in (own, other))
+    rows = np.unique(np.linspace(0, len(own.times) - 1, _USED).astype(int))
     half = 0.5 * min(np.ptp(own.times), np.ptp(other.times))
     count = int(min(_LAGS, half) / _LAG_STEP)
-    steps = _LAG_STEP * np.arange(-count, count + 1)
-    residuals = np.full(len(steps), np.inf)
-    for i, lag in enumerate(steps):
-        at = own.times - lag
-        inside = (at >= other.times[0]) & (at <= other.times[-1])
-        if inside.sum() < _OVERLAP:
-            continue
-        shown = [np.interp(at[inside], other.times, column) for column in theirs.T]
-        columns = np.column_stack([np.ones(inside.sum()), *shown])
-        rest = mine[inside] - columns @ np.linalg.lstsq(columns, mine[inside])[0]
-        total = ((mine[inside] - mine[inside].mean(axis=0)) ** 2).sum()
-        residuals[i] = (rest**2).sum() / max(total, 1e-9) + 1e-6
-    best = int(residuals.argmin())
-    if not residuals[best] < 1.0 - _EXPLAINED:
-        return 0.0, 0.0
-    independent = len(own.times) * min(np.median(np.diff(own.times)) / _LASTING, 1.0)
-    return float(steps[best]), float(independent * np.log(residuals[count] / residuals[best]))
+    lags = _LAG_STEP * np.arange(-count, count + 1)
+    at = own.times[rows] - lags[:, None]
+    mine, theirs = (median_filter(each.origin, (_SMOOTHED, 1)) @ [1, 1j] for each in (own, other))
+    mine, shown = mine[rows], np.interp(at, other.times, theirs)
+    both = (at >= other.times[0]) & (at <= other.times[-1])
+    both &= both[count]
+    noise = own.sigma[rows] ** 2 + np.interp(own.times[rows], other.times, other.sigma**2)
+
+    def left(shown: Array) -> Array:
+        """The sums of the squares of what is left, at least those of the noise."""
+        squares = np.where(both, np.abs(mine) ** 2 + np.abs(shown) ** 2, 0.0).sum(axis=1)
+        rest = squares - 2.0 * np.abs(np.where(both, mine * np.conj(shown), 0.0).sum(axis=1))
+        return np.asarray(np.maximum(rest, (both * noise).sum(axis=1)))
+
+    sizes = both.sum(axis=1)
+    independent = sizes * min(float(np.median(np.diff(own.times[rows]))) / _LASTING, 1.0)
+    rest = left(shown)
+    gains = independent * np.log(left(shown[count]) / rest)
+    middle = np.where(both, mine, 0.0).sum(axis=1) / sizes
+    changes = np.where(both, np.abs(mine - middle[:, None]) ** 2, 0.0).sum(axis=1)
+    gains[(sizes < _OVERLAP) | (rest > (1.0 - _EXPLAINED) * changes)] = 0.0
+    best = int(gains.argmax())
+    return (float(lags[best]), float(gains[best])) if gains[best] > 0.0 else (0.0, 0.0)
 
 
 # ---- Distortion

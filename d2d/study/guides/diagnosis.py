@@ -11,7 +11,7 @@ import pandas as pd
 
 from d2d.radar import ErrorBudget, Finding, Track, diagnose, track
 from d2d.study.book.table import Table, table
-from d2d.study.guides.logs import FAULTS, VEHICLES, Log, Sensors, right_log
+from d2d.study.guides.logs import FAULTS, Log, Sensors, right_log
 from d2d.study.results import results_path
 
 RATES, TARGETS = (4.0, 10.0, 15.0, 20.0, 30.0), (8, 16, 30, 40, 80, 300)
@@ -22,7 +22,8 @@ _GUESSED = "a stretch without estimates"  # true of a log, and not a fault
 def drawn(number: int, fault: str) -> tuple[Log, np.random.Generator]:
     """The log of this number, of any vehicle, to put a fault into."""
     rng = np.random.default_rng([number, *fault.encode()])
-    vehicle, rate = [*VEHICLES][number % len(VEHICLES)], float(rng.choice(RATES))
+    vehicles = FAULTS[fault].vehicles
+    vehicle, rate = vehicles[number % len(vehicles)], float(rng.choice(RATES))
     radars, targets = int(rng.choice(FAULTS[fault].radars)), int(rng.choice(TARGETS, p=_SHARES))
     if fault == "times in whole seconds":  # whose scans are ten or thirty scans in one
         rate, targets = 10.0, min(targets, 16)
@@ -70,7 +71,7 @@ def diagnosis_table() -> Table:
 
 if __name__ == "__main__":
     total = int(sys.argv[1])
-    each = max(1, total // (len(FAULTS) - 1))
+    each = -(-total // (len(FAULTS) - 1))
     rows = []
     for name in FAULTS:
         rows.append(judged(name, total if name == "nothing" else each))

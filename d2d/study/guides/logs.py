@@ -174,6 +174,7 @@ class Fault(NamedTuple):
     put: Put
     symptoms: tuple[str, ...]
     radars: tuple[int, ...] = (1, 2, 4)  # of the logs that it is put into
+    vehicles: tuple[str, ...] = tuple(VEHICLES)
 
 
 def _changed(
@@ -260,6 +261,8 @@ def _exchanged(rng: np.random.Generator, log: Log) -> Sensors:
 
 
 SEVERAL = (2, 3, 4, 5)
+# Beside the limits of 2 and 5 m/s at which Doppler velocities fold.
+FAST = ("car", "train", "truck", "tunnel", "standing in traffic")
 FAULTS = {
     "nothing": Fault(lambda rng, log: log.sensors, (), (1, *SEVERAL)),
     "times in ms": Fault(
@@ -282,14 +285,16 @@ FAULTS = {
         _scans(lambda s: replace(s, doppler=0.0 * s.doppler)), ("the vehicle hardly moves",)
     ),
     "Doppler is an intensity": Fault(_intensities, ("Doppler velocities show another motion",)),
-    "folded at 1.9 m/s": Fault(_folded(1.93), ("Doppler velocities are folded",)),
-    "folded at 5 m/s": Fault(_folded(5.0), ("Doppler velocities are folded",)),
+    "folded at 1.9 m/s": Fault(_folded(1.93), ("Doppler velocities are folded",), vehicles=FAST),
+    "folded at 5 m/s": Fault(_folded(5.0), ("Doppler velocities are folded",), vehicles=FAST),
     "radians as degrees": Fault(
         _scans(lambda s: replace(s, azimuth=np.deg2rad(s.azimuth))),
         ("azimuths in radians, read as degrees",),
     ),
     "azimuths clockwise": Fault(
-        _scans(lambda s: replace(s, azimuth=-s.azimuth)), ("azimuths count clockwise",), SEVERAL
+        _scans(lambda s: replace(s, azimuth=-s.azimuth)),
+        ("azimuths count clockwise", "sensors are swapped"),
+        SEVERAL,
     ),
     "x and y swapped": Fault(
         _scans(lambda s: replace(s, azimuth=0.5 * np.pi - s.azimuth)),
@@ -304,7 +309,9 @@ FAULTS = {
         SEVERAL,
     ),
     "sensors exchanged": Fault(
-        _exchanged, ("sensors are swapped", "a mounting is turned"), SEVERAL
+        _exchanged,
+        ("sensors are swapped", "a mounting is turned", "azimuths count clockwise"),
+        SEVERAL,
     ),
     "clock 0.3 s late": Fault(_late(0.3), ("the clock of a sensor is off",), SEVERAL),
     "clock 3 s late": Fault(_late(3.0), ("the clock of a sensor is off",), SEVERAL),

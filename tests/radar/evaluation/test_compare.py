@@ -100,6 +100,10 @@ WRONG = {
     "deg/s": (lambda times, theta: (times, theta * [1.0, 1.0, 57.3]), r"yaw rate, .* by 0\.017"),
     "clockwise": (lambda times, theta: (times, theta * [1, 1, -1]), r"yaw rate, .* -1\.0.*clockw"),
     "a poor speedometer": (lambda times, theta: (times, theta * [1.2, 1.0, 0.8]), ""),
+    "a gyro that counts clockwise": (
+        lambda times, theta: (times, theta * [np.nan, np.nan, -1.0]),
+        "yaw rate, .* -1.0.*clockw",
+    ),
     "a late gyro": (
         lambda times, theta: (times + 5.0, theta * [np.nan, np.nan, 1.0]),
         "clock, .* yaw r",
