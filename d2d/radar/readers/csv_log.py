@@ -126,7 +126,11 @@ def load_csv(
     used = valid(values) if skip_invalid else np.ones(len(table.lines), dtype=np.bool_)
     left_out = int((~used).sum()) + table.torn
     warn_of_left_out(source, left_out, len(used) + table.torn, "lines")
-    table.check(values, used)
+    try:
+        table.check(values, used)
+    except ValueError as error:
+        hint = "; skip_invalid (--skip-invalid) leaves out lines without a target"
+        raise ValueError(f"{error}{'' if skip_invalid or valid(values).all() else hint}") from None
     if min_snr is not None:
         if "snr" not in values:
             raise ValueError(f"{source} has no column snr, which min_snr needs")

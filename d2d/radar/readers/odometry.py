@@ -36,6 +36,8 @@ def load_reference(path: str | os.PathLike[str], topic: str | None = None) -> Re
     else:
         text = decoded(source)
         first = next((line for line in text.splitlines() if line.strip() and line[0] != "#"), "")
+        if first[:1].isdigit() and first.count(",") == _POSES - 1:
+            raise ValueError(f"{source}: poses must be separated by spaces: t x y z qx qy qz qw")
         found = _poses(source, text) if len(first.split()) == _POSES else _odometry(source)
     if len(found.times) < 2 or not (np.diff(found.times) > 0.0).all():
         raise ValueError(
