@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
 from d2d._types import Array
@@ -169,31 +170,36 @@ def _lag(own: SensorMotion, other: SensorMotion) -> tuple[float, float]:
     if min(len(own.times), len(other.times)) < _OVERLAP:
         return 0.0, 0.0
     rows = np.unique(np.linspace(0, len(own.times) - 1, _USED).astype(int))
-    half = 0.5 * min(np.ptp(own.times), np.ptp(other.times))
-    count = int(min(_LAGS, half) / _LAG_STEP)
+    count = int(min(_LAGS, np.ptp(own.times), np.ptp(other.times)) / _LAG_STEP)
     lags = _LAG_STEP * np.arange(-count, count + 1)
     at = own.times[rows] - lags[:, None]
     mine, theirs = (median_filter(each.origin, (_SMOOTHED, 1)) @ [1, 1j] for each in (own, other))
     mine, shown = mine[rows], np.interp(at, other.times, theirs)
-    both = (at >= other.times[0]) & (at <= other.times[-1])
-    both &= both[count]
+    inside = (at >= other.times[0]) & (at <= other.times[-1])
+    stated = inside & inside[count]  # the same scans, at the clocks as they are
+    stated[stated.sum(axis=1) < _OVERLAP] = inside[count]
     noise = own.sigma[rows] ** 2 + np.interp(own.times[rows], other.times, other.sigma**2)
 
-    def left(shown: Array) -> Array:
-        """The sums of the squares of what is left, at least those of the noise."""
-        squares = np.where(both, np.abs(mine) ** 2 + np.abs(shown) ** 2, 0.0).sum(axis=1)
-        rest = squares - 2.0 * np.abs(np.where(both, mine * np.conj(shown), 0.0).sum(axis=1))
-        return np.asarray(np.maximum(rest, (both * noise).sum(axis=1)))
+    def left(shown: Array, used: NDArray[np.bool_]) -> Array:
+        """The mean squares of what is left, at least those of the noise."""
+        squares = np.where(used, np.abs(mine) ** 2 + np.abs(shown) ** 2, 0.0).sum(axis=1)
+        alike = np.abs(np.where(used, mine * np.conj(shown), 0.0).sum(axis=1))
+        least = np.where(used, noise, 0.0).sum(axis=1)
+        return np.asarray(
+            np.maximum(squares - 2.0 * alike, least) / np.maximum(used.sum(axis=1), 1)
+        )
 
-    sizes = both.sum(axis=1)
+    rest, sizes = left(shown, inside), inside.sum(axis=1)
+    middle = np.where(inside, mine, 0.0).sum(axis=1) / np.maximum(sizes, 1)
+    changes = np.where(inside, np.abs(mine - middle[:, None]) ** 2, 0.0).sum(axis=1)
+    usable = (sizes >= _OVERLAP) & (rest * sizes < (1.0 - _EXPLAINED) * changes)
+    if not (usable.any() and inside[count].any()):
+        return 0.0, 0.0
     independent = sizes * min(float(np.median(np.diff(own.times[rows]))) / _LASTING, 1.0)
-    rest = left(shown)
-    gains = independent * np.log(left(shown[count]) / rest)
-    middle = np.where(both, mine, 0.0).sum(axis=1) / sizes
-    changes = np.where(both, np.abs(mine - middle[:, None]) ** 2, 0.0).sum(axis=1)
-    gains[(sizes < _OVERLAP) | (rest > (1.0 - _EXPLAINED) * changes)] = 0.0
+    rest[~usable] = np.inf
+    gains = independent * np.log(np.maximum(left(shown[count], stated) / rest, 1.0))
     best = int(gains.argmax())
-    return (float(lags[best]), float(gains[best])) if gains[best] > 0.0 else (0.0, 0.0)
+    return float(lags[best]), float(gains[best])
 
 
 # ---- Distortion

@@ -63,10 +63,14 @@ def judged(fault: str, count: int) -> dict[str, object]:
 
 
 def diagnosis_table() -> Table:
-    """The stored shares, a row for each fault."""
-    stored = pd.read_csv(results_path("diagnosis.csv"))
+    """The stored shares, a row for each fault, beside those of the diagnosis before this one."""
+    stored, before = (pd.read_csv(results_path(f"diagnosis{end}.csv")) for end in ("", "_before"))
     heads = [(name, "", ".0%") for name in stored.columns[2:]]
-    return table(stored.itertuples(index=False), ["fault", "logs", *heads])
+    rows = stored.merge(
+        before[["fault", "named", "something else", "surely"]], on="fault", how="left"
+    )
+    heads += [(f"before: {name}", "", ".0%") for name in ("named", "something else", "surely")]
+    return table(rows.itertuples(index=False), ["fault", "logs", *heads])
 
 
 if __name__ == "__main__":

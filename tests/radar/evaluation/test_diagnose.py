@@ -16,9 +16,15 @@ GUIDE = Path(__file__).resolve().parents[3] / "chapters" / "when_a_path_looks_wr
 
 
 @cache
-def log(vehicle: str = "car", radars: int = 2, rate: float = 10.0, targets: int = 30) -> Log:
+def log(
+    vehicle: str = "car",
+    radars: int = 2,
+    rate: float = 10.0,
+    targets: int = 30,
+    duration: float = 10.0,
+) -> Log:
     """A log of ten seconds."""
-    return right_log(np.random.default_rng(7), vehicle, radars, rate, targets, 10.0)
+    return right_log(np.random.default_rng(7), vehicle, radars, rate, targets, duration)
 
 
 def findings(sensors, **options) -> tuple:
@@ -42,7 +48,8 @@ NAMED = [name for name in FAULTS if name != "nothing"]
 def test_each_fault_is_named_and_on_the_page(name):
     """Breaks if a fault passes in silence, or the reader does not find it."""
     symptoms = FAULTS[name].symptoms
-    of = log("car", 2, 30.0) if name == "times in ms" else log()
+    longer = {"times in ms": log("car", 2, 30.0), "clock 8 s late": log(duration=20.0)}
+    of = longer.get(name, log())
     found = {each.symptom for each in findings(faulty(name, of))}
     assert found & set(symptoms)
     assert all(f"*{symptom}*" in GUIDE.read_text(encoding="utf-8") for symptom in symptoms)
