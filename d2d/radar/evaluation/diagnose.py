@@ -26,7 +26,7 @@ _FAR = 500.0  # m, beyond which hardly a radar sees; real logs have a median ran
 # Automotive radars state 0.1 to 1 degree; 0.5 degree are 0.009 rad, and 0.5 rad are 29 degrees.
 _PRECISE, _COARSE = 0.03, 10.0  # deg
 _SEEN = 50  # targets of a sensor, and a fifth as many scans, that show something
-_SLOWEST = 3.0  # s: radars take a scan at least as often
+_FASTEST, _SLOWEST = 0.003, 3.0  # s: radars take a scan less and at least as often
 _UNITS = {"ms": 1e3, "us": 1e6, "ns": 1e9}
 _CROWDED = 300  # targets, of scans that rounded times have merged
 _SELDOM = 0.5  # s, at which no radar takes scans by the second hand
@@ -144,6 +144,11 @@ def _of_times(name: str, scans: Sequence[RadarScan]) -> Iterator[Finding]:
         about = f"{within:.0%} of the scans are {1e3 * short:.2g} ms after another; --scan-gap 0.01"
         yield Finding("several time stamps in a scan", name, within, "share", True, about)
         return
+    if usual < _FASTEST:
+        about = (
+            f"a scan every {usual:.2g} s; in minutes it is {1.0 / 60.0 / usual:.0f} scans a second"
+        )
+        yield Finding("times in another unit than s", name, usual, "s", True, about)
     step = next((s for s in _STEPS if np.abs(times / s - np.round(times / s)).max() < 1e-4), 0.0)
     counts = np.bincount(np.round(intervals / step).astype(int)) if step else np.zeros(1)
     uneven = np.sort(counts)[:-1].sum() > 0.2 * counts.sum()
@@ -251,7 +256,8 @@ def _of_clocks(motions: Mapping[str, SensorMotion]) -> Iterator[Finding]:
         return
     name, lag, likelier = latest(motions)
     if likelier > _LIKELIER and abs(lag) > _LATE:
-        about = f"{abs(lag):.2f} s {'late' if lag > 0.0 else 'early'}: subtract {lag:+.2f} s"
+        about = f"{abs(lag):.2f} s {'late' if lag > 0.0 else 'early'} beside the others; "
+        about += f"subtract {lag:+.2f} s"
         yield Finding("the clock of a sensor is off", name, lag, "s", abs(lag) > _USELESS, about)
 
 

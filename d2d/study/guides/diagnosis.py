@@ -5,6 +5,7 @@
 
 import sys
 import warnings
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -27,7 +28,8 @@ def drawn(number: int, fault: str) -> tuple[Log, np.random.Generator]:
     radars, targets = int(rng.choice(FAULTS[fault].radars)), int(rng.choice(TARGETS, p=_SHARES))
     if fault == "times in whole seconds":  # whose scans are ten or thirty scans in one
         rate, targets = 10.0, min(targets, 16)
-    return right_log(rng, vehicle, radars, rate, targets, 15.0), rng
+    duration = 15.0 if "clock" in fault else 10.0
+    return right_log(rng, vehicle, radars, rate, targets, duration), rng
 
 
 def told(sensors: Sensors) -> tuple[Track | None, tuple[Finding, ...]]:
@@ -42,24 +44,23 @@ def told(sensors: Sensors) -> tuple[Track | None, tuple[Finding, ...]]:
     return driven, tuple(each for each in found if each.symptom != _GUESSED)
 
 
-def judged(fault: str, count: int) -> dict[str, object]:
-    """The shares of logs with a fault that are named, refused, and blamed for something else."""
-    named, refused, wrong, sure = np.zeros((4, count))
-    for i in range(count):
-        log, rng = drawn(i, fault)
-        driven, found = told(FAULTS[fault].put(rng, log))
-        known = [f.symptom in FAULTS[fault].symptoms or "microseconds" in f.symptom for f in found]
-        refused[i] = driven is None or not driven.support.enough or any(f.sure for f in found)
-        named[i], wrong[i] = any(known), not all(known)
-        sure[i] = any(f.sure and not right for f, right in zip(found, known, strict=True))
-    return {
-        "fault": fault,
-        "logs": count,
-        "named": named.mean(),
-        "refused": refused.mean(),
-        "something else": wrong.mean(),
-        "surely": sure.mean(),
-    }
+class Judged(NamedTuple):
+    """Whether a log's fault is named, and whether the log is refused or blamed for another."""
+
+    named: bool
+    refused: bool  # no file is written
+    wrong: bool
+    surely: bool  # blamed for another fault, without doubt
+
+
+def judged(number: int, fault: str) -> Judged:
+    """What the diagnosis says of a log with a fault."""
+    log, rng = drawn(number, fault)
+    driven, found = told(FAULTS[fault].put(rng, log))
+    known = [f.symptom in FAULTS[fault].symptoms or "microseconds" in f.symptom for f in found]
+    others = [f for f, right in zip(found, known, strict=True) if not right]
+    refused = driven is None or not driven.support.enough or any(f.sure for f in found)
+    return Judged(any(known), refused, bool(others), any(f.sure for f in others))
 
 
 def diagnosis_table() -> Table:
@@ -74,10 +75,14 @@ def diagnosis_table() -> Table:
 
 
 if __name__ == "__main__":
-    total = int(sys.argv[1])
-    each = -(-total // (len(FAULTS) - 1))
-    rows = []
-    for name in FAULTS:
-        rows.append(judged(name, total if name == "nothing" else each))
-        print(rows[-1], flush=True)
-        pd.DataFrame(rows).round(4).to_csv(results_path("diagnosis.csv"), index=False)
+    of_each = -(-int(sys.argv[1]) // (len(FAULTS) - 1))
+    outcomes: dict[str, list[Judged]] = {fault: [] for fault in FAULTS}
+    for first in range(of_each):  # a table of fewer logs is there before the whole
+        for fault, those in outcomes.items():
+            share = len(FAULTS) - 1 if fault == "nothing" else 1
+            those += [judged(first * share + i, fault) for i in range(share)]
+        heads = ["named", "refused", "something else", "surely"]
+        rows = [(fault, len(own), *np.mean(own, axis=0)) for fault, own in outcomes.items()]
+        table_of = pd.DataFrame(rows, columns=["fault", "logs", *heads]).round(4)
+        table_of.to_csv(results_path("diagnosis.csv"), index=False)
+        print(table_of.to_string(), flush=True)
