@@ -18,7 +18,7 @@ from d2d.radar.tracks.track import Track
 _SEEN = 5  # targets of a scan, and scans, that show a velocity
 _KNOWN = 6.0  # standard deviations of a speed that has a direction
 _LEVER = 0.3, 0.5  # m, and of the sensor's distance from the origin: a lever arm that is not known
-_UNKNOWN = np.deg2rad(0.5)  # error of a heading in a bend whose yaw rate is not known
+_UNKNOWN = np.deg2rad(0.5)  # least error of a heading in bends whose yaw rate is not known
 _AGREED = 0.1, 0.3  # relative and in m/s: a speed that a supported track and its sensor share
 
 _FEW, _WAITED = 10, (1.0, 0.3)  # targets, s until a later scan of few targets, and of more
@@ -105,7 +105,8 @@ class SensorMotion(NamedTuple):
         covariance = inverse @ covariance_of_sum(scores)[0] @ inverse
         # the lever arm is known from the prior alone, which the scores do not show
         covariance += np.outer(inverse[:, 1], inverse[:, 1]) * lever**-2
-        sigma = np.hypot(np.sqrt(covariance[0, 0]), _UNKNOWN if guessed else 0.0)
+        bends = max(_UNKNOWN, float(np.median(np.abs(off - center)))) if guessed else 0.0
+        sigma = np.hypot(np.sqrt(covariance[0, 0]), bends)
         return float(wrapped(middle + best[0])), float(sigma)
 
 

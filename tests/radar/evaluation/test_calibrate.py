@@ -212,13 +212,6 @@ def test_scans_that_follow_traffic_are_left_out(traffic):
     assert (np.abs(values(found) - values(clean)) < clean.sigmas).all()
 
 
-def test_a_lag_at_the_bound_is_refused():
-    """Breaks if a user believes the bound of the search."""
-    for lag in (-0.3, 0.3):
-        with pytest.raises(ValueError, match="is at the bound of the search"):
-            calibrate(drive(6, lag), max_lag=0.28)
-
-
 def test_no_acceleration_tells_no_lag():
     """Breaks if the lowest point of a flat line is believed."""
     with pytest.warns(UserWarning, match="too little acceleration to find the lag"):
@@ -248,19 +241,6 @@ def test_a_straight_drive_tells_no_slip():
     assert np.isnan(found.sigmas[2:4]).all()
     assert_allclose(found.yaw, YAW, atol=0.002)
     assert found.lag == pytest.approx(0.1, abs=0.01)
-
-
-def test_the_result_prints_with_units():
-    """Breaks if a number has no unit, or stands without its standard deviation."""
-    found = calibrate(drive(13, 0.1))
-    lines = str(found).splitlines()
-    assert lines[0].startswith("600 scans over 29.9 s")
-    for name, unit in (("lag", "s"), ("compliance", "s^2/m"), ("yaw of sensor 2 of 2", "deg")):
-        (line,) = (line for line in lines if line.startswith(name))
-        assert "+-" in line
-        assert line.endswith(f" {unit}")
-    assert f"{np.rad2deg(found.yaw[1]):+.3f}" in str(found)
-    assert "Held" not in str(found)
 
 
 def test_what_cannot_be_calibrated_is_refused_by_name():
@@ -318,10 +298,14 @@ def test_sigmas_of_any_size_give_a_lag_within_its_error_or_a_refusal(power):
         assert not abs(found.lag - 0.1) > 4.0 * found.sigmas[0]
 
 
+# Factors on a reference's velocities, s that it is late, and what is said.
 WRONG = {
     "in km/h": ([3.6, 1.0, 1.0], 0.0, "are they in km/h"),
+    "backwards": ([-1.0, 1.0, 1.0], 0.0, "is a radar mounted backwards"),
     "clockwise": ([1.0, 1.0, -1.0], 0.0, "another drive"),
     "8 s off": ([1.0, 1.0, 1.0], 8.0, "another drive or clock"),
+    "0.62 s off": ([1.0, 1.0, 1.0], 0.62, "is at the bound of the search"),
+    "0.42 s early": ([1.0, 1.0, 1.0], -0.42, "is at the bound of the search"),
 }
 
 
@@ -329,19 +313,11 @@ WRONG = {
 def test_a_wrong_reference_gives_no_mounting(fault):
     """Breaks if a mounting that cannot be right is printed to be pasted."""
     factors, late, said = WRONG[fault]
-    sensors = [
-        replace(
-            each,
-            reference=replace(
-                each.reference,
-                times=each.reference.times + late,
-                theta=each.reference.theta * factors,
-            ),
-        )
-        for each in drive(3, 0.1)
-    ]
+    sensors = drive(3, 0.1)
+    right = sensors[0].reference
+    wrong = replace(right, times=right.times + late, theta=right.theta * factors)
     with pytest.raises(ValueError, match=said):
-        calibrate(sensors)
+        calibrate([replace(each, reference=wrong) for each in sensors])
 
 
 def test_a_bias_of_the_yaw_rate_is_found():
