@@ -54,7 +54,7 @@ class Judged(NamedTuple):
 
 
 def judged(number: int, fault: str) -> Judged:
-    """What the diagnosis says of a log with a fault."""
+    """The judgement of the diagnosis on a log with a fault."""
     log, rng = drawn(number, fault)
     driven, found = told(FAULTS[fault].put(rng, log))
     known = [f.symptom in FAULTS[fault].symptoms or "microseconds" in f.symptom for f in found]
