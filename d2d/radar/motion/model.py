@@ -43,7 +43,7 @@ class EstimationOptions(ModelOptions, total=False):
 
 @dataclass(frozen=True)
 class EgoMotionModel(Frozen):
-    """The model behind the cost of a velocity, whose fields are options of many functions.
+    """The model behind the cost of a velocity; its fields are the options of all that use it.
 
     Raises a ``ValueError`` if one is invalid.
 

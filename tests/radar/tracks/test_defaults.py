@@ -56,17 +56,6 @@ def test_every_door_gives_the_same_numbers(tmp_path, count):
     assert_allclose(written.covariance, whole.covariance, rtol=1e-6, atol=1e-15)
 
 
-def test_bare_pairs_take_no_options_that_they_do_not_use():
-    drive = simulate_drive(np.random.default_rng(0), duration=1.0)
-    for options, said in (
-        ({"carry": False, "budget": ErrorBudget()}, "budget must be None without carry"),
-        ({"carry": False, "smooth": True}, "smooth must be False without carry"),
-        ({"carry": 1}, "carry must be True or False"),
-    ):
-        with pytest.raises(ValueError, match=f"^{said}"):
-            track(drive, **options)
-
-
 def town(seed, speed, rate, mountings, seconds):
     """Radars that are not in step, on one car, and its true velocity."""
     rng, start, sensors = np.random.default_rng(seed), 17.0 * seed, {}

@@ -1,6 +1,7 @@
 """One bad scan costs its own estimate, and never a later one nor the track."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -34,13 +35,19 @@ def poisoned(scan, name, value, which):
         return None
 
 
+@cache
+def drives():
+    """Three sensors and one, with their tracks."""
+    given = named_sensors(12), dict(list(named_sensors(12).items())[:1])
+    return [(sensors, track(sensors, horizon=0.2)) for sensors in given]
+
+
 @pytest.mark.parametrize("which", [HALF, slice(None)], ids=["half", "all"])
 @pytest.mark.parametrize(("name", "value"), CASES)
 def test_a_scan_with_absurd_numbers_is_refused_or_costs_what_rests_on_it(name, value, which):
     """Breaks if one scan raises in a round, spoils the estimates that it is not part of, or leaves
     a tracker that cannot go on; it is part of its own, and of that which is registered with it."""
-    for sensors in (named_sensors(12), dict(list(named_sensors(12).items())[:1])):
-        whole = track(sensors, horizon=0.2)
+    for sensors, whole in drives():
         scans, at = sensors["left"]
         for place in (0, 1, 6, 11):
             bad = poisoned(scans[place], name, value, which)

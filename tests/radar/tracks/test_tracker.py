@@ -219,9 +219,13 @@ def test_a_tracker_refuses_what_is_no_scan_of_its_sensors():
         ({"front": at}, {"keep": 0}, "keep must be"),
         ({"front": at}, {"horizon": -1.0}, "horizon"),
         ({"front": at}, {"limits": 30.0}, "limits must be a VehicleLimits"),
+        ({"front": at}, {"carry": 1}, "carry must be True or False"),
+        ({"front": at}, {"carry": False, "budget": ErrorBudget()}, "budget must be None without"),
     ):
         with pytest.raises(ValueError, match=f"^{said}"):
             Tracker(mountings, **options)
+    with pytest.raises(ValueError, match=r"^smooth must be False without carry"):
+        track((scans, at), carry=False, smooth=True)
 
 
 # ---- one sensor or several
