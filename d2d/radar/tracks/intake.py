@@ -1,15 +1,14 @@
 """Select the scans that are used: each once, each target once, at its sensor's own time."""
 
+import math
 import sys
 import warnings
-from collections import deque
 from collections.abc import Mapping, Sequence
-from statistics import median
 
 import numpy as np
 
 from d2d.radar.scans.scan import MEASURED, RadarScan
-from d2d.radar.tracks.rounds import REMEMBERED, SensorScans
+from d2d.radar.tracks.rounds import Rounds, SensorScans
 
 # s; a scan that is less than this before another one is in the wrong order, which is refused; one
 # that is more out of step has another clock
@@ -34,11 +33,10 @@ class ScanGate:
     begins with all scans that were held back.  A warning names the sensor, once for each reason.
     """
 
-    def __init__(self, names: Sequence[str]) -> None:
-        self._names = names
+    def __init__(self, names: Sequence[str], rounds: Rounds) -> None:
+        self._names, self._rounds = names, rounds
         self._arrived: dict[int, RadarScan] = {}  # the last of each sensor
         self._latest: dict[int, RadarScan] = {}  # the last of each that is used, in this segment
-        self._intervals = {s: deque[float](maxlen=REMEMBERED) for s in range(len(names))}
         self._held: dict[int, list[RadarScan]] = {}
         self._told: set[tuple[str, int]] = set()
         self.stepped_back = False  # whether the last call began a segment with earlier times
@@ -56,8 +54,10 @@ class ScanGate:
             return []
         last = max((each.time for each in self._latest.values()), default=scan.time)
         later = latest is None or scan.time > latest.time
-        slowest = max(map(self._cycle, self._intervals))  # zero while none is known
-        in_step = later and (not slowest or scan.time <= last + max(_STEP, _CYCLES * slowest))
+        cycles = {s: self._rounds.cycle(s) for s in range(len(self._names))}
+        known = {s: cycle for s, cycle in cycles.items() if math.isfinite(cycle)}
+        reach = max(_STEP, _CYCLES * max(known.values())) if known else math.inf
+        in_step = later and scan.time <= last + reach
         back = before is not None and scan.time <= before.time
         if before is not None and back and not in_step and scan.time > before.time - _STEP:
             raise ValueError(
@@ -67,11 +67,12 @@ class ScanGate:
         self._arrived[sensor] = scan
         if in_step:
             self.finish()
-            return [self._used(sensor, scan)]
+            self._latest[sensor] = scan
+            return [(sensor, scan)]
         if back:
             self._leave_out(sensor)
         self._held.setdefault(sensor, []).append(scan)
-        others = max((self._cycle(s) for s in self._intervals if s != sensor), default=0.0)
+        others = max((cycle for s, cycle in known.items() if s != sensor), default=0.0)
         start = self._held[sensor][0].time
         if scan.time - start <= _WAITED * others:
             return []
@@ -83,7 +84,9 @@ class ScanGate:
                 f"the clock of {self._names[sensor]} steps back from {last:.3f} s to {start:.3f} s:"
                 " a new segment begins there"
             )
-        return [self._used(s, each) for _, s, each in sorted(held, key=lambda entry: entry[:2])]
+        used = [(s, each) for _, s, each in sorted(held, key=lambda entry: entry[:2])]
+        self._latest |= used
+        return used
 
     def finish(self) -> None:
         """Leave out the scans that are still held back."""
@@ -94,16 +97,6 @@ class ScanGate:
         """Say that a scan comes after an estimate at a later time."""
         text = f"has a scan at {scan.time:.3f} s that comes after the estimate at {last:.3f} s and"
         self._warn("late", sensor, f"{text} is", "do its scans arrive late?")
-
-    def _used(self, sensor: int, scan: RadarScan) -> tuple[int, RadarScan]:
-        if sensor in self._latest:
-            self._intervals[sensor].append(scan.time - self._latest[sensor].time)
-        self._latest[sensor] = scan
-        return sensor, scan
-
-    def _cycle(self, sensor: int) -> float:
-        """The usual time between two scans of a sensor, in s; zero while it is not known."""
-        return median(self._intervals[sensor] or [0.0])
 
     def _leave_out(self, sensor: int) -> None:
         """Leave out the scans of a sensor that are held back, if there are any."""
@@ -144,9 +137,16 @@ def usable(sensors: Mapping[str, SensorScans]) -> dict[str, SensorScans]:
     """The scans of whole logs that are used, and the mountings, by the sensors' names."""
     found = {}
     for name, (scans, mounting) in sensors.items():
-        gate = ScanGate([name])
-        found[name] = [used for scan in scans for _, used in gate.push(0, scan)], mounting
+        rounds, kept = Rounds([mounting]), []
+        gate = ScanGate([name], rounds)
+        for scan in scans:
+            used = gate.push(0, scan)
+            if gate.stepped_back:
+                rounds.step_back()
+            rounds.take(used)
+            kept += [each for _, each in used]
         gate.finish()
+        found[name] = kept, mounting
     return found
 
 

@@ -18,7 +18,7 @@ MAX_INTERVAL = 60.0  # s
 # s; on five drives that were tried the log score was best at 0.23 to 0.45 s, on three of them at
 # 0.3 s (appendix F)
 HORIZON = 0.3
-REMEMBERED = 9  # intervals of a sensor, whose median is its cycle
+_REMEMBERED = 9  # intervals of a sensor, whose median is its cycle
 _ROUND = 1.5  # cycles, after which a round is over
 # A pair may be this many times as long as the horizon, or bridge a scan that is missing.
 _LONGER, _GAP = 1.5, 2.5  # times the usual interval, cycles
@@ -157,7 +157,6 @@ class Rounds:
         mountings: Sequence[Mounting],
         baseline: int | None = None,
         horizon: float | None = None,
-        late: Callable[[int, RadarScan, float], None] = lambda *_: None,
     ) -> None:
         if baseline is not None:
             check_count("baseline", baseline)
@@ -171,11 +170,15 @@ class Rounds:
                     f"{horizon:g} s and {baseline}"
                 )
         self._histories = [_History(mounting, baseline or 1, horizon) for mounting in mountings]
-        self._late = late
+        self.late: Callable[[int, RadarScan, float], None] = lambda *_: None
         self._stepped_back = False
         self.open: dict[int, RadarScan] = {}  # the scans of the round that has not ended
         self._start = math.nan  # time of the open round's first scan
         self.last = math.nan  # s, time of the last round
+
+    def cycle(self, sensor: int) -> float:
+        """The usual time between two scans of a sensor, in s; infinite until it is known."""
+        return self._histories[sensor].cycle
 
     def take(self, scans: Iterable[tuple[int, RadarScan]]) -> list[Round]:
         """The rounds that the next scans of sensors end, in the order of their times.
@@ -198,7 +201,7 @@ class Rounds:
             if sensor in self.open or abs(scan.time - self._start) > _ROUND * cycle:
                 ended = self.finish()
         if scan.time <= self.last:
-            self._late(sensor, scan, self.last)
+            self.late(sensor, scan, self.last)
             return ended
         if not self.open:
             self._start = scan.time
@@ -230,7 +233,7 @@ class Rounds:
         """End the open round, and begin a segment whose times may lie before it."""
         ended = self.finish()
         for history in self._histories:
-            history.forget()
+            history.scans.clear()
         self._stepped_back, self.last = not math.isnan(self.last), math.nan
         return ended
 
@@ -241,18 +244,13 @@ class _History:
     def __init__(self, mounting: Mounting, baseline: int, horizon: float | None) -> None:
         self.mounting = mounting
         self._baseline, self._horizon = baseline, horizon
-        self._scans: deque[RadarScan] = deque()
-        self._intervals: deque[float] = deque(maxlen=REMEMBERED)
+        self.scans: deque[RadarScan] = deque()  # which later ones may be paired with
+        self._intervals: deque[float] = deque(maxlen=_REMEMBERED)
 
     @property
     def cycle(self) -> float:
         """The usual time from one scan to the next, in s; infinite while there is only one."""
         return median(self._intervals) if self._intervals else math.inf
-
-    def forget(self) -> None:
-        """Begin anew: nothing is paired with what came before."""
-        self._scans.clear()
-        self._intervals.clear()
 
     def paired(self, scan: RadarScan) -> ScanPair | None:
         """The next scan, paired with an earlier one; None if there is none near enough.
@@ -261,7 +259,7 @@ class _History:
         """
         if not scan.size:
             return None
-        scans, previous = self._scans, None
+        scans, previous = self.scans, None
         if scans:
             self._intervals.append(scan.time - scans[-1].time)
             usual = self._baseline * self.cycle if self._horizon is None else self._horizon

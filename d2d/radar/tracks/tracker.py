@@ -198,10 +198,10 @@ class Tracker:
             check_count("keep", keep)
         self._mountings = [*mountings.values()]
         self._numbers = {name: number for number, name in enumerate(mountings)}
-        self._gate = ScanGate([repr(name) for name in mountings])
-        separation = options.get("baseline"), options.get("horizon")
         flat = [mounting.flat for mounting in self._mountings]
-        self._rounds = Rounds(flat, *separation, self._gate.leave_out_late)
+        self._rounds = Rounds(flat, options.get("baseline"), options.get("horizon"))
+        self._gate = ScanGate([repr(name) for name in mountings], self._rounds)
+        self._rounds.late = self._gate.leave_out_late
         self._estimator = _estimator(len(flat), options)
         self._estimates: deque[VelocityEstimate] = deque(maxlen=keep)
         compile_for(self._estimator)
