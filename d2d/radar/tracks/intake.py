@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from d2d.radar.scans.scan import MEASURED, RadarScan
-from d2d.radar.tracks.rounds import Rounds, SensorScans
+from d2d.radar.tracks.rounds import Round, Rounds, SensorScans
 
 # s; a scan that is less than this before another one is in the wrong order, which is refused; one
 # that is more out of step has another clock
@@ -24,7 +24,7 @@ class ScanWarning(UserWarning):
 
 
 class ScanGate:
-    """Takes the scans of sensors as they arrive, and gives back those to be used.
+    """Takes the scans of sensors as they arrive, and gives rounds those to be used.
 
     A scan is out of step if it is more than a second before the last one of its sensor, or a second
     and five cycles after all of them.  It is held back until the next scans tell.  If any of them
@@ -39,19 +39,18 @@ class ScanGate:
         self._latest: dict[int, RadarScan] = {}  # the last of each that is used, in this segment
         self._held: dict[int, list[RadarScan]] = {}
         self._told: set[tuple[str, int]] = set()
-        self.stepped_back = False  # whether the last call began a segment with earlier times
+        rounds.late = self._leave_out_late
 
-    def push(self, sensor: int, scan: RadarScan) -> list[tuple[int, RadarScan]]:
-        """The sensors and scans to be used now: mostly this one, seldom none or those held back.
+    def push(self, sensor: int, scan: RadarScan) -> tuple[list[RadarScan], list[Round]]:
+        """The scans used now, mostly this one, seldom none or those held back, and rounds ended.
 
         Raises a ValueError if the scan is not later than the one before of its sensor.
         """
-        self.stepped_back = False
         before, latest = self._arrived.get(sensor), self._latest.get(sensor)
         scan = self._without_twins(sensor, scan)
         if before is not None and _repeats(before, scan):
             self._warn("repeated", sensor, f"repeats its scan at {scan.time:.3f} s; such scans are")
-            return []
+            return [], []
         last = max((each.time for each in self._latest.values()), default=scan.time)
         later = latest is None or scan.time > latest.time
         cycles = {s: self._rounds.cycle(s) for s in range(len(self._names))}
@@ -66,43 +65,46 @@ class ScanGate:
             )
         self._arrived[sensor] = scan
         if in_step:
-            self.finish()
-            self._latest[sensor] = scan
-            return [(sensor, scan)]
+            self._leave_out(*self._held)
+            return self._use([(sensor, scan)])
         if back:
             self._leave_out(sensor)
         self._held.setdefault(sensor, []).append(scan)
         others = max((cycle for s, cycle in known.items() if s != sensor), default=0.0)
         start = self._held[sensor][0].time
         if scan.time - start <= _WAITED * others:
-            return []
+            return [], []
         held = [(each.time, s, each) for s, scans in self._held.items() for each in scans]
-        self._held = {}
+        self._held, ended = {}, []
         if start <= last:
-            self.stepped_back, self._latest = True, {}
+            self._latest, ended = {}, self._rounds.step_back()
             self._say(
                 f"the clock of {self._names[sensor]} steps back from {last:.3f} s to {start:.3f} s:"
                 " a new segment begins there"
             )
-        used = [(s, each) for _, s, each in sorted(held, key=lambda entry: entry[:2])]
+        used, after = self._use(
+            [(s, each) for _, s, each in sorted(held, key=lambda entry: entry[:2])]
+        )
+        return used, ended + after
+
+    def finish(self) -> list[Round]:
+        """The last round; what is still held back is left out."""
+        self._leave_out(*self._held)
+        return self._rounds.finish()
+
+    def _use(self, used: list[tuple[int, RadarScan]]) -> tuple[list[RadarScan], list[Round]]:
         self._latest |= used
-        return used
+        return [scan for _, scan in used], self._rounds.take(used)
 
-    def finish(self) -> None:
-        """Leave out the scans that are still held back."""
-        for sensor in [*self._held]:
-            self._leave_out(sensor)
-
-    def leave_out_late(self, sensor: int, scan: RadarScan, last: float) -> None:
+    def _leave_out_late(self, sensor: int, scan: RadarScan, last: float) -> None:
         """Say that a scan comes after an estimate at a later time."""
         text = f"has a scan at {scan.time:.3f} s that comes after the estimate at {last:.3f} s and"
         self._warn("late", sensor, f"{text} is", "do its scans arrive late?")
 
-    def _leave_out(self, sensor: int) -> None:
-        """Leave out the scans of a sensor that are held back, if there are any."""
-        held = self._held.pop(sensor, None)
-        if held is not None:
-            text = f"has a scan at {held[0].time:.3f} s, out of step, which is"
+    def _leave_out(self, *sensors: int) -> None:
+        """Leave out the scans of sensors that are held back, if there are any."""
+        for sensor in {*sensors} & self._held.keys():
+            text = f"has a scan at {self._held.pop(sensor)[0].time:.3f} s, out of step, which is"
             self._warn("stamp", sensor, text, "is its time stamp wrong?")
 
     def _without_twins(self, sensor: int, scan: RadarScan) -> RadarScan:
@@ -137,16 +139,9 @@ def usable(sensors: Mapping[str, SensorScans]) -> dict[str, SensorScans]:
     """The scans of whole logs that are used, and the mountings, by the sensors' names."""
     found = {}
     for name, (scans, mounting) in sensors.items():
-        rounds, kept = Rounds([mounting]), []
-        gate = ScanGate([name], rounds)
-        for scan in scans:
-            used = gate.push(0, scan)
-            if gate.stepped_back:
-                rounds.step_back()
-            rounds.take(used)
-            kept += [each for _, each in used]
+        gate = ScanGate([name], Rounds([mounting]))
+        found[name] = [used for scan in scans for used in gate.push(0, scan)[0]], mounting
         gate.finish()
-        found[name] = kept, mounting
     return found
 
 

@@ -201,7 +201,6 @@ class Tracker:
         flat = [mounting.flat for mounting in self._mountings]
         self._rounds = Rounds(flat, options.get("baseline"), options.get("horizon"))
         self._gate = ScanGate([repr(name) for name in mountings], self._rounds)
-        self._rounds.late = self._gate.leave_out_late
         self._estimator = _estimator(len(flat), options)
         self._estimates: deque[VelocityEstimate] = deque(maxlen=keep)
         compile_for(self._estimator)
@@ -225,9 +224,7 @@ class Tracker:
         names = [*map(repr, self._numbers)]
         together = {names[other]: [own] for other, own in self._rounds.open.items()}
         check_distinct({names[number]: [scan], **together})
-        used = self._gate.push(number, scan)
-        ended = self._rounds.step_back() if self._gate.stepped_back else []
-        return self._estimated(ended + self._rounds.take(used))
+        return self._estimated(self._gate.push(number, scan)[1])
 
     def add_gyro(self, times: ArrayLike, yaw_rates: ArrayLike) -> None:
         """Take the next yaw rates (n,) in rad/s of the gyro, at their times (n,) in s.
@@ -241,8 +238,7 @@ class Tracker:
 
     def finish(self) -> list[VelocityEstimate]:
         """The estimate of the last round, which then ends."""
-        self._gate.finish()
-        return self._estimated(self._rounds.finish())
+        return self._estimated(self._gate.finish())
 
     @property
     def track(self) -> Track:
