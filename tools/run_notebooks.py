@@ -24,7 +24,7 @@ from pathlib import Path
 
 import nbformat
 from nbclient import NotebookClient
-from nbclient.exceptions import CellExecutionError, CellTimeoutError, DeadKernelError
+from nbclient.exceptions import CellExecutionError, CellTimeoutError
 from nbformat import NotebookNode
 from shrink_pictures import shrink_outputs
 
@@ -50,10 +50,6 @@ FIGURES = [
 TIMEOUT = 300  # s for one cell
 
 
-class NotebookError(Exception):
-    """A notebook that did not run cleanly; the message names the cell."""
-
-
 def set_stable_metadata(notebook: NotebookNode) -> None:
     """Drop what editors and kernels leave behind in the metadata."""
     notebook.metadata.kernelspec = dict(KERNELSPEC)
@@ -69,7 +65,7 @@ def set_stable_metadata(notebook: NotebookNode) -> None:
 
 
 def execute(notebook: NotebookNode, folder: Path) -> None:
-    """Execute all cells in a fresh kernel that runs in `folder`."""
+    """Execute all cells in a fresh kernel that runs in `folder`; raise if it complains."""
     client = NotebookClient(
         notebook,
         kernel_name=KERNELSPEC["name"],
@@ -81,14 +77,11 @@ def execute(notebook: NotebookNode, folder: Path) -> None:
         resources={"metadata": {"path": str(folder)}},
     )
     unset = ("D2D_RADARSCENES", "D2D_NUSCENES", "MPLBACKEND", "PYTHONWARNINGS")
-    try:
-        client.execute(env={name: v for name, v in os.environ.items() if name not in unset})
-    except (CellExecutionError, CellTimeoutError, DeadKernelError) as error:
-        raise NotebookError(str(error)) from error
+    client.execute(env={name: v for name, v in os.environ.items() if name not in unset})
     for position, cell in enumerate(notebook.cells, start=1):
         for output in cell.get("outputs", ()):
             if output.get("name") == "stderr":
-                raise NotebookError(f"cell {position} wrote to stderr:\n{output.text}")
+                raise RuntimeError(f"cell {position} wrote to stderr:\n{output.text}")
 
 
 def run(path: Path, folder: Path | None) -> bool:
@@ -97,7 +90,7 @@ def run(path: Path, folder: Path | None) -> bool:
     notebook = nbformat.read(path, as_version=4)
     try:
         execute(notebook, path.parent)
-    except NotebookError as error:
+    except (CellExecutionError, CellTimeoutError, RuntimeError) as error:
         result, clean = f"FAILED\n{error}", False
     else:
         set_stable_metadata(notebook)

@@ -52,7 +52,7 @@ for (;;) {
 }"""
 
 
-# ---- Logs ---------------------------------------------------------------------------------------
+# ---- Logs -------------------------------------------------------------------------------------
 
 Sensors = dict[str, tuple[Sequence[RadarScan], Mounting]]
 
@@ -172,7 +172,7 @@ LOGS: dict[str, Callable[[], Log]] = {
 LEFT_OUT = ("a gap before one scan", "a repeated scan", "targets twice")
 
 
-# ---- The numbers --------------------------------------------------------------------------------
+# ---- The numbers ------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -312,7 +312,7 @@ def test_what_the_text_of_a_log_shows_is_said(driver: webdriver.Chrome, site: st
     assert [word in doubt for doubt in shown["doubts"]] == [True]
 
 
-# ---- The laboratory -----------------------------------------------------------------------------
+# ---- The laboratory ---------------------------------------------------------------------------
 
 
 class Hand:
@@ -472,22 +472,3 @@ def test_a_log_is_dropped_and_nothing_leaves(hand: Hand):
       .filter((each) => each.startTime > arguments[0] && !each.name.startsWith('blob:'))
       .map((each) => each.name);"""
     assert hand.driver.execute_script(asked, begun) == []
-
-
-def test_it_can_be_stopped_and_begun_anew(hand: Hand):
-    """Breaks if a stopped worker goes on, or its result comes after all."""
-    hand.choose(Log(four(20.0)))
-    hand.press("Estimate the track")
-    hand.wait("lab.element.querySelector('progress').value > 0")
-    hand.press("Stop")
-    assert hand.driver.execute_script("return labs.all['lab-log'].result") is None
-    hand.choose(Log(one(1.0)), "other.csv")
-    hand.estimate()
-    assert hand.driver.execute_script("return labs.all['lab-log'].result.rows.length") == 10
-
-
-def test_a_complaint_is_shown(hand: Hand):
-    hand.driver.execute_script(DROP, "a,b\n1,2", "other.csv")
-    hand.wait("!lab.element.querySelector('.lab-wrong').hidden")
-    assert hand.text(".lab-wrong").startswith("other.csv, line 1")
-    assert not hand.find("form").is_displayed()
