@@ -57,6 +57,8 @@ def estimates_of(
                 tracker.finish() if line is None else _add(tracker, line, gates, degrees, sigmas)
             )
         except (ValueError, RecursionError) as error:
+            if line is None:
+                raise
             complain(f"line {count}: {error}")
             continue
         for estimate in found:

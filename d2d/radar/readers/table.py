@@ -51,8 +51,8 @@ QUANTITIES: dict[str, tuple[Mapping[str, float], str]] = {
     "speed": (_SPEEDS, "speed velocity v"),
     "yaw_rate": (_RATES | _ANGLES, "yaw_rate yawrate omega gyro_z"),
 }
-TARGET = (*QUANTITIES,)[1:13]  # of a target; the others are of a log or of an odometry
 _TEXTS = ("sensor", "frame")
+TARGET = tuple(name for name in QUANTITIES if name not in ("time", *_TEXTS, "speed", "yaw_rate"))
 _FASTEST = FINITE._replace(
     most=2.0 * np.pi, unit="in rad/s, ", hint="; are these deg/s (column yaw_rate_deg)?"
 )
