@@ -53,7 +53,7 @@ class ScanGate:
             return [], []
         last = max((each.time for each in self._latest.values()), default=scan.time)
         later = latest is None or scan.time > latest.time
-        cycles = {s: self._rounds.cycle(s) for s in range(len(self._names))}
+        cycles = {s: history.cycle for s, history in enumerate(self._rounds.histories)}
         known = {s: cycle for s, cycle in cycles.items() if math.isfinite(cycle)}
         reach = max(_STEP, _CYCLES * max(known.values())) if known else math.inf
         in_step = later and scan.time <= last + reach

@@ -169,16 +169,12 @@ class Rounds:
                     "horizon and baseline must not both be given, but are "
                     f"{horizon:g} s and {baseline}"
                 )
-        self._histories = [_History(mounting, baseline or 1, horizon) for mounting in mountings]
+        self.histories = [History(mounting, baseline or 1, horizon) for mounting in mountings]
         self.late: Callable[[int, RadarScan, float], None] = lambda *_: None
         self._stepped_back = False
         self.open: dict[int, RadarScan] = {}  # the scans of the round that has not ended
         self._start = math.nan  # time of the open round's first scan
         self.last = math.nan  # s, time of the last round
-
-    def cycle(self, sensor: int) -> float:
-        """The usual time between two scans of a sensor, in s; infinite until it is known."""
-        return self._histories[sensor].cycle
 
     def take(self, scans: Iterable[tuple[int, RadarScan]]) -> list[Round]:
         """The rounds that the next scans of sensors end, in the order of their times.
@@ -197,7 +193,7 @@ class Rounds:
         """The rounds that a sensor's next scan ends: often none, seldom two."""
         ended = []
         if self.open:
-            cycle = min(self._histories[known].cycle for known in self.open)
+            cycle = min(self.histories[known].cycle for known in self.open)
             if sensor in self.open or abs(scan.time - self._start) > _ROUND * cycle:
                 ended = self.finish()
         if scan.time <= self.last:
@@ -206,7 +202,7 @@ class Rounds:
         if not self.open:
             self._start = scan.time
         self.open[sensor] = scan
-        return ended + (self.finish() if len(self.open) == len(self._histories) else [])
+        return ended + (self.finish() if len(self.open) == len(self.histories) else [])
 
     def finish(self) -> list[Round]:
         """The open round, if there is one, and not the first: that has nothing to pair with."""
@@ -214,9 +210,9 @@ class Rounds:
         if not scans:
             return []
         # neither the arrival nor the numbers of the sensors decide on the rounding of a sum
-        places = {s: self._histories[s].mounting for s in scans}
+        places = {s: self.histories[s].mounting for s in scans}
         order = sorted(scans, key=lambda s: (scans[s].time, *places[s].pose))
-        chosen = {s: self._histories[s].paired(scans[s]) for s in order}
+        chosen = {s: self.histories[s].paired(scans[s]) for s in order}
         pairs = {s: pair for s, pair in chosen.items() if pair is not None}
         time = float(np.mean([scans[s].time for s in order]))
         interval, self.last = time - self.last, time
@@ -232,13 +228,13 @@ class Rounds:
     def step_back(self) -> list[Round]:
         """End the open round, and begin a segment whose times may lie before it."""
         ended = self.finish()
-        for history in self._histories:
+        for history in self.histories:
             history.scans.clear()
         self._stepped_back, self.last = not math.isnan(self.last), math.nan
         return ended
 
 
-class _History:
+class History:
     """The latest scans of one sensor."""
 
     def __init__(self, mounting: Mounting, baseline: int, horizon: float | None) -> None:

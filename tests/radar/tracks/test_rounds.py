@@ -200,4 +200,4 @@ def test_no_more_scans_are_kept_than_can_make_a_pair():
         rounds = Rounds([CORNER], **options)
         for scan in at_times(0.1 * np.arange(100)):
             rounds.add(0, scan)
-            assert len(rounds._histories[0].scans) <= most
+            assert len(rounds.histories[0].scans) <= most
