@@ -39,7 +39,6 @@ from d2d.radar import (
     simulate_drive,
     track,
 )
-from d2d.study.mixtures.gaussian import GaussianMixture, confidence_ellipse, fit_mixture
 
 Array = NDArray[np.float64]
 
@@ -83,9 +82,6 @@ measurement = LinearMeasurement([0.0, 0.0, 0.0], 1, 0, np.ones((3, 3)), np.ones(
 best = multi_start(points, moved, None, start_grid(1, 1, [0.0]), measurement=measurement)
 judged = credibility([[0.1], [0.0], [-0.2]], [[[0.01]]] * 3, confidence=0.9)
 assert_type(judged, Credibility)
-mixture = GaussianMixture([0.5, 0.5], [[0, 0], [4, 1]], [np.eye(2)] * 2)
-fit = fit_mixture([[0.0], [0.1], [1.0]], 1, np.random.default_rng(0))
-confidence_ellipse([[1, 0], [0, 1]])
 
 # ---- Radar
 

@@ -17,7 +17,6 @@ import pytest
 from selenium import webdriver
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
-from selenium.webdriver.remote.webelement import WebElement
 
 from d2d.radar import (
     ErrorBudget,
@@ -30,7 +29,7 @@ from d2d.radar import (
 )
 from d2d.radar.cli import main
 from d2d.radar.readers.table import usual_sigmas
-from tests.book import browser
+from tests.book import browser, test_labs
 from tools import laboratories
 
 LABS = Path(__file__).resolve().parents[2] / "_static" / "labs"
@@ -315,11 +314,12 @@ def test_what_the_text_of_a_log_shows_is_said(driver: webdriver.Chrome, site: st
 # ---- The laboratory ---------------------------------------------------------------------------
 
 
-class Hand:
+class Hand(test_labs.Hand):
     """Works the laboratory as a reader does."""
 
     def __init__(self, driver: webdriver.Chrome, folder: Path) -> None:
-        self.driver, self.folder = driver, folder
+        super().__init__(driver, test_labs.Laboratory("", "lab-log", "", "", ""))
+        self.folder = folder
 
     def open(self, address: str) -> None:
         """Load the page afresh."""
@@ -328,17 +328,12 @@ class Hand:
         self.driver.get(address)
         browser.wait(self.driver, "return Boolean(window.labs?.all['lab-log'])")
 
-    def find(self, selector: str) -> WebElement:
-        return self.driver.find_element(By.CSS_SELECTOR, f"#lab-log {selector}")
-
     def text(self, selector: str) -> str:
         return " ".join(self.find(selector).text.split())
 
     def press(self, label: str) -> None:
         """Press a button with the keyboard."""
-        script = """return [...document.querySelectorAll("#lab-log button")]
-          .find((each) => each.textContent === arguments[0]);"""
-        self.driver.execute_script(script, label).send_keys(Keys.ENTER)
+        self.button(label).send_keys(Keys.ENTER)
 
     def choose(self, log: Log, name: str = "log.csv") -> None:
         (self.folder / name).write_text(log.text)

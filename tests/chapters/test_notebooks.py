@@ -27,7 +27,6 @@ DIFFERENT = get_sanitize_patterns(CHAPTERS.parent.joinpath("tests", "nbval.cfg")
 NOTEBOOKS = sorted(CHAPTERS.glob("*.ipynb"))
 
 MAX_LINES = 30
-VISIBLE_LINES, VISIBLE_COLUMNS = 10, 80
 WARNING = re.compile(r"\b[A-Z]\w*Warning\b")
 MACHINE_PATH = re.compile(r"(?<![\w.:/])(/(home|root|Users|work|tmp|var|mnt)/|[A-Z]:\\Users\\)")
 ANSI = re.compile(r"\x1b\[[0-9;]*m")
@@ -99,19 +98,6 @@ def long_cells(notebook: NotebookNode) -> list[str]:
     ]
 
 
-def crowded_cells(notebook: NotebookNode) -> list[str]:
-    """Find code that is not folded and more than a reader takes in, by the cells' ids."""
-    return [
-        str(cell.get("id"))
-        for _, cell in code_cells(notebook)
-        if not {"hide-input", "hide-cell", "remove-input"} & set(cell.metadata.get("tags", ()))
-        and (
-            len(lines := cell.source.splitlines()) > VISIBLE_LINES
-            or max(map(len, lines)) > VISIBLE_COLUMNS
-        )
-    ]
-
-
 def figures(notebook: NotebookNode) -> Iterator[tuple[str, NotebookNode, NotebookNode]]:
     """Yield (a name to report, the cell, its mystnb metadata) of every figure cell."""
     for name, cell in code_cells(notebook):
@@ -173,7 +159,6 @@ CHECKS: tuple[Check, ...] = (
     unwanted,
     repeated_ids,
     long_cells,
-    crowded_cells,
     faulty_figures,
 )
 

@@ -1,7 +1,7 @@
 """Tables that a cell shows: HTML for a reader, aligned text for the tests.
 
 A cell ends with ``table(rows, columns)`` or ``quantities(...)``.  The book shows the HTML;
-``nbval`` compares the text, which holds the same words and numbers.
+The tests compare the text, which holds the same words and numbers.
 """
 
 import math

@@ -11,10 +11,9 @@ from d2d import CorruptedGaussian, PointSet, RegistrationCost, register, rigid
 from d2d.study import scenarios
 from d2d.study.beyond.mixtures import Mixture, mixture_residuals, register_mixture
 from d2d.study.beyond.random_scenes import RandomScenes
-from d2d.study.beyond.solvers import SOLVERS, annealed_share, solved
-from d2d.study.plane.evaluation import ROBUST, at_truth, evaluated, same_draws
+from d2d.study.beyond.solvers import SOLVERS, solved
+from d2d.study.plane.evaluation import ROBUST, evaluated
 from d2d.study.plane.scenarios import OVERLAPPED
-from d2d.study.runs import scheduled
 
 # ---- Scenes -------------------------------------------------------------------------------------
 
@@ -68,19 +67,6 @@ def test_solvers_start_where_they_are_told() -> None:
     for name in SOLVERS:
         found = solved(scenarios.OVERLAPPED, name, 0.0, 20).result
         assert np.hypot(*found.errors[:, :2].T).max() < 1.0, name
-
-
-def test_annealed_share_follows_the_schedule() -> None:
-    """Breaks if a scale is skipped, or the outlier component is widened unasked."""
-    fixed, moving = same_draws(scenarios.CLUSTERS, 100)
-    for scales in ((4.0, 2.0, 1.0), (8.0, 4.0, 2.0, 1.0)):
-        found = scheduled(fixed, moving, ROBUST, np.zeros(3), scales)
-        expected = at_truth(found.theta - scenarios.CLUSTERS.theta).mean()
-        assert annealed_share(scenarios.CLUSTERS, scales, runs=100) == expected
-    # the outlier component matters at all
-    scales = (4.0, 2.0, 1.0)
-    plain = annealed_share(scenarios.OVERLAPPED, scales, robust=False, runs=100)
-    assert plain > 0.5 > annealed_share(scenarios.OVERLAPPED, scales, runs=100)
 
 
 # ---- Mixtures -----------------------------------------------------------------------------------

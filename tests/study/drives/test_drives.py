@@ -2,25 +2,21 @@
 
 from dataclasses import replace
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from d2d.radar import (
-    Mounting,
-    build_world,
     estimate_ego_motion,
     inlier_probabilities,
     propagate_ego_motion,
     simulate_drive,
     track,
 )
-from d2d.study.drives import figures
 from d2d.study.drives.errors import Drift
 from d2d.study.drives.moving_targets import TargetWeights, rejected_walkers, walkers_by_pair
 from d2d.study.drives.shared_azimuth import COVARIANCES, on_a_drive
-from d2d.study.drives.variations import sparse, track_from
+from d2d.study.drives.variations import track_from
 
 
 @pytest.fixture(scope="package")
@@ -31,20 +27,6 @@ def driven():
 
 
 # ---- Variations ---------------------------------------------------------------------------------
-
-
-def test_a_sparse_world_has_fewer_points_and_nobody_about(driven):
-    """Breaks if positions, strengths and kinds are thinned apart."""
-    world = driven[0].world
-    few = sparse(world, np.random.default_rng(0))
-    count = len(world.reflectors.kind)
-    assert len(few.reflectors.kind) == pytest.approx(0.2 * count, abs=4.0 * np.sqrt(0.16 * count))
-    where = {tuple(at): k for k, at in enumerate(world.reflectors.positions)}
-    rows = [where[tuple(at)] for at in few.reflectors.positions]
-    assert_allclose(few.reflectors.strength, 4.0 * world.reflectors.strength[rows])
-    assert_array_equal(few.reflectors.kind, world.reflectors.kind[rows])
-    lonely = simulate_drive(np.random.default_rng(0), 0.5, world=few)
-    assert "moving" not in set(np.concatenate([true.kind for true in lonely.targets]))
 
 
 def test_track_from_starts_every_pair_at_the_same_place(driven):
@@ -160,16 +142,3 @@ def test_drift_does_not_align_the_paths():
 
 
 # ---- Figures ------------------------------------------------------------------------------------
-
-
-def test_the_surroundings_are_in_the_frame_of_the_vehicle():
-    """Breaks if the map is turned or shifted against the scan beside it."""
-    world = build_world(np.random.default_rng(0))
-    _, ax = plt.subplots()
-    figures.surroundings(ax, world, [3.0, 4.0, 0.5 * np.pi], 2.0, Mounting(0.4))
-    poles = next(line for line in ax.lines if line.get_label() == "pole").get_xydata()
-    there = world.reflectors.positions[world.reflectors.kind == "pole"] - [3.0, 4.0]
-    assert_allclose(poles, np.stack([there[:, 1], -there[:, 0]], axis=1), atol=1e-9)
-    movers = next(line for line in ax.lines if line.get_label() == "moving").get_xydata()
-    there = world.movers.at(np.asarray(2.0))[0] - [3.0, 4.0]
-    assert_allclose(movers, np.stack([there[:, 1], -there[:, 0]], axis=1), atol=1e-9)

@@ -8,7 +8,6 @@ from d2d import CorruptedGaussian, PointSet, RegistrationCost, register
 from d2d.study import scenarios
 from d2d.study.estimation import descent, optimisers
 from d2d.study.estimation.optimisers import (
-    cost,
     descend,
     gauss_newton,
     gradient_descent,
@@ -110,18 +109,6 @@ def test_many_descents_are_those_of_one_at_a_time(monkeypatch):
     assert_array_equal(together.converged, alone.converged)
     assert_allclose(together.iterations, alone.iterations, atol=1)
     assert_allclose(together.cost, alone.cost, rtol=1e-9)
-
-
-def test_the_profile_is_the_least_over_the_third_parameter():
-    """Breaks if the surface under the paths is not that of the problem."""
-    (pairs,) = problems(1)
-    t_y, angle = np.array([-0.5, 1.0]), np.array([0.2, 0.3])
-    surface = descent.profile(pairs, t_y, angle)
-    t_x = np.linspace(0.0, 10.0, 4001)
-    for a, phi in enumerate(angle):
-        for b, y in enumerate(t_y):
-            costs = [cost(pairs, np.array([x, y, phi])) for x in t_x]
-            assert_allclose(surface[a, b], min(costs), rtol=1e-5)
 
 
 # ---- The robust cost ----------------------------------------------------------------------------
