@@ -32,9 +32,11 @@ NEEDED = {  # by single laboratories, before their own script
 
 
 def leave_out(app: Sphinx, config: Config) -> None:
-    """Take the laboratories' files out of those that every page loads."""
+    """Take the laboratories' files, and the theme's icons, out of those that every page loads."""
     for name in ("html_js_files", "html_css_files"):
-        kept = [file for file in getattr(config, name) if not str(file).startswith(FOLDER)]
+        kept = [
+            file for file in getattr(config, name) if not str(file).startswith((FOLDER, "vendor/"))
+        ]
         setattr(config, name, kept)
 
 
