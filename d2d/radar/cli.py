@@ -69,7 +69,7 @@ ESTIMATION = option_table(f"""
 --baseline N   register each scan with the Nth before, instead of --horizon
 --side-slip M/S  standard deviation of the sideways velocity of the vehicle's origin about zero; 0
                if it never moves sideways, as the middle of a rear axle that does not slip (default:
-               unknown). It helps a single radar most: the yaw rate becomes more accurate
+               unknown). It helps a single radar most: v_y and the heading become more accurate
 --vehicle {"|".join(VEHICLES)}=car  what the vehicle can do, for the limits below (default: car); an
                omni moves sideways, too
 """)
