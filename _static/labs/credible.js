@@ -32,7 +32,7 @@ labs.define(
       xlabel: "error in x (m)",
       ylabel: "error in y (m)",
       shape: 0.95,
-      narrow: 0.58,
+      narrow: 0.46,
       equal: true,
     });
     const histogram = lab.plot({
@@ -40,7 +40,7 @@ labs.define(
       xlabel: "NEES",
       ylabel: "share of runs",
       shape: 0.95,
-      narrow: 0.58,
+      narrow: 0.46,
     });
 
     // ---- Registrations, a few in each frame -------------------------------------------------------------------------------------

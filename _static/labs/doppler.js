@@ -53,14 +53,14 @@ labs.define(
       xlabel: "azimuth (°), left is positive",
       ylabel: "Doppler velocity (m/s)",
       shape: 0.75,
-      narrow: 0.6,
+      narrow: 0.46,
     });
     const top = lab.plot({
       label: "The scan from above",
       xlabel: "x (m), ahead",
       ylabel: "y (m), left",
       shape: 0.75,
-      narrow: 0.6,
+      narrow: 0.46,
       equal: true,
     });
 

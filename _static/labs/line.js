@@ -34,14 +34,14 @@ labs.define(
       xlabel: "x (m)",
       ylabel: "",
       shape: 0.24,
-      narrow: 0.5,
+      narrow: 0.4,
       yTicks: false,
     });
     const curve = lab.plot({
       label: "The cost over the translation",
       xlabel: "translation tₓ (m)",
       shape: 0.37,
-      narrow: 0.7,
+      narrow: 0.62,
     });
     let result = null,
       trail = [];

@@ -41,7 +41,7 @@ labs.define(
       xlabel: "x (m)",
       ylabel: "y (m)",
       shape: 0.98,
-      narrow: 0.78,
+      narrow: 0.62,
       equal: true,
     });
     const curve = lab.plot({
@@ -49,14 +49,14 @@ labs.define(
       xlabel: "shift along x (m)",
       ylabel: "cost",
       shape: 0.55,
-      narrow: 0.75,
+      narrow: 0.56,
     });
     const error = lab.plot({
       label: "Error of the registration in rotation and y with its 3-sigma ellipse",
       xlabel: "error of the rotation (°)",
       ylabel: "in y (m)",
       shape: 0.5,
-      narrow: 0.75,
+      narrow: 0.56,
     });
 
     const pose = () => [lab.state.x, lab.state.y, lab.state.turn * DEGREE];
