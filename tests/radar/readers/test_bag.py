@@ -11,6 +11,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from d2d.radar import Mounting, Track, load_reference, simulate_drive, track
 from d2d.radar.cli import main
 from d2d.radar.readers.bag import load_bag, write_bag
+from d2d.radar.readers.odometry import load_gyro
 
 DRIVE = simulate_drive(np.random.default_rng(0), duration=2.0)
 SIGMAS = {"sigma_range": 0.1, "sigma_azimuth": 0.01, "sigma_doppler": 0.06}
@@ -118,6 +119,8 @@ def bag(tmp_path, request):
             bag.write("/front/points", heard, bag.cloud(bag.header(time, "front"), **cloud))
             up = 0.1 + 0.0 * scan.range
             columns = (scan.range, scan.azimuth, up, scan.doppler, up)
+            del cloud["v_doppler_mps"]
+            bag.write("/none", heard, bag.cloud(bag.header(time, "front"), **cloud))
             bag.write("/side/scan", heard, bag.returns(bag.header(0.0, "side"), *columns))
             turn = bag.make(vector, 0.0, 0.0, omega)
             twist = bag.make("geometry_msgs/msg/Twist", bag.make(vector, v_x, v_y, 0.0), turn)
@@ -132,6 +135,11 @@ def bag(tmp_path, request):
                 "nav_msgs/msg/Odometry", bag.header(time, "odom"), "base_link", *both
             )
             bag.write("/odom", heard, odometry)
+            none, still = np.zeros(9), bag.make(vector, 0.0, 0.0, 0.0)
+            moved = (facing, none, turn, none, still, none)
+            bag.write(
+                "/imu", heard, bag.make("sensor_msgs/msg/Imu", bag.header(time, "imu"), *moved)
+            )
     return bag.path
 
 
@@ -159,12 +167,15 @@ def test_scans_and_mountings_of_a_bag(bag):
     assert late[0].time == pytest.approx(1e9 + 0.03, abs=1e-6)
 
 
-def test_the_odometry_of_a_bag_is_a_reference(bag):
+def test_the_odometry_of_a_bag_is_a_reference_and_its_imu_a_gyro(bag):
     """Breaks if velocities or poses are those of another message or axis."""
     found = load_reference(bag)
     assert_allclose(found.times, 1e9 + DRIVE.truth.times, atol=1e-6)
     assert_allclose(found.theta, DRIVE.truth.theta, atol=1e-12)
     assert_allclose(found.poses, DRIVE.truth.poses, atol=1e-12)
+    times, rates = load_gyro(bag)
+    assert_allclose(times, found.times)
+    assert_allclose(rates, DRIVE.truth.theta[:, 2], atol=1e-12)
     with pytest.raises(ValueError, match=r"reference must be one of /odom, but is /front/points"):
         load_reference(bag, "/front/points")
 
@@ -216,9 +227,10 @@ def test_what_a_bag_has_not_is_named(bag, tmp_path):
     (tmp_path / "torn" / "metadata.yaml").write_text("rosbag2:\n  duration\n")
     (tmp_path / "torn.mcap").write_bytes(b"\x89MCAP0\r\n")
     for name, topic, options, said in (
-        (bag.name, "/rear", {}, "must be one of /front/points, /side/scan, but is /rear"),
+        (bag.name, "/rear", {}, "must be one of /front/points, /none, /side/scan, but is /rear"),
         (bag.name, "/side/scan", {"base_frame": "car"}, "/tf_static must lead from car to side"),
         (bag.name, "/side/scan", {"sigma_range": -1.0}, "is not a bag with scans of a radar"),
+        (bag.name, "/none", {}, "its fields are x, y, snr_db: place or Doppler is missing"),
         ("torn.bag", "/rear", {}, "torn.bag is not a complete bag of ROS"),
         ("torn", "/rear", {}, "torn is not a complete bag of ROS"),
         ("torn.mcap", "/rear", {}, "torn.mcap is not a complete bag of ROS"),
