@@ -112,7 +112,7 @@ $(LOWEST)/.installed: requirements.txt pyproject.toml
 	$(BIN)/python -m venv --clear $(LOWEST)
 	@echo '*' > $(LOWEST)/.gitignore
 	$(LOWEST)/bin/python -m pip install --quiet --disable-pip-version-check '$(UV)'
-	$(LOWEST)/bin/uv pip install --python $(LOWEST)/bin/python --resolution lowest-direct -e '.[study,track,ros]' \
+	$(LOWEST)/bin/uv pip install --python $(LOWEST)/bin/python --resolution lowest-direct -e '.[study,track,radarscenes,ros]' \
 	  $$(sed -nE 's/^((pytest|pytest-xdist|hypothesis|scikit-learn)==[^ ]+).*/\1/p' requirements.txt)
 	@touch $@
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
-_TARGETS = "import time; t = time.perf_counter(); import numpy as np; P = np.eye(9, 3); "
+_TARGETS = "import time; t = time.process_time(); import numpy as np; P = np.eye(9, 3); "
 _FIRST = {
     "d2d": "import d2d; s = d2d.PointSet(P[:, :2], np.tile(np.eye(2), (9, 1, 1)));"
     "d2d.register(s, s)",
@@ -27,7 +27,7 @@ _FIRST = {
     "Registration(50, 1e-4, 1).align_points_to_map(P, m, np.eye(4), 3.0, 1.0)",
 }
 """Import of each library, and its smallest registration."""
-_PRINT = "; print(time.perf_counter() - t)"
+_PRINT = "; print(time.process_time() - t)"
 
 
 def printed(code: str, **environment: str) -> float:
@@ -61,7 +61,7 @@ def libraries() -> dict[str, Library]:
         except importlib.metadata.PackageNotFoundError:
             continue
         program = _TARGETS + code + _PRINT
-        module = f"import time; t = time.perf_counter(); import {name.replace('-', '_')}" + _PRINT
+        module = f"import time; t = time.process_time(); import {name.replace('-', '_')}" + _PRINT
         imported = min(printed(module) for _ in range(5))
         with tempfile.TemporaryDirectory() as folder:
             compiled = printed(program, NUMBA_CACHE_DIR=folder)
