@@ -46,13 +46,17 @@ SCENES = {"dense": ((8.0, 60.0), 0.2, 0.03), "wide": ((3.0, 120.0), 0.15, 0.01)}
 
 
 def random_layout(size: int, name: str) -> Scenario:
-    """`OVERLAPPED` with targets uniform in azimuth within 40 degrees and in range."""
+    """`OVERLAPPED` with targets uniform in azimuth within 40 degrees and in range.
+
+    Those within a metre of the second place of the sensor, if any, are left out.
+    """
     between, sigma_range, sigma_azimuth = SCENES[name]
     rng = np.random.default_rng([0, size])
     azimuth = np.deg2rad(rng.uniform(-40.0, 40.0, size))
     targets = cartesian(np.stack([azimuth, rng.uniform(*between, size)], axis=-1))
     noise = {"sigma_range": sigma_range, "sigma_azimuth": sigma_azimuth}
-    return replace(OVERLAPPED, name=f"{name} {size}", targets=targets, **noise)
+    seen = np.hypot(*rigid.transform_means(rigid.inverse(OVERLAPPED.theta), targets).T) > 1.0
+    return replace(OVERLAPPED, name=f"{name} {size}", targets=targets[seen], **noise)
 
 
 def scene(size: int, name: str = "dense") -> Scenario:

@@ -98,6 +98,7 @@ DECLARED = [
         *PROJECT["dependencies"],
         *PROJECT["optional-dependencies"]["study"],
         *PROJECT["optional-dependencies"]["track"],
+        *PROJECT["optional-dependencies"]["radarscenes"],
     )
 ]
 PINS = dict(

@@ -9,7 +9,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -147,6 +146,12 @@ def _listed(path: Path, sensor: int) -> list[tuple[int, int, int]]:
 
 def _tables(path: Path) -> tuple[Table, Table]:
     """The required columns of both tables, by name, because their order differs between files."""
+    try:
+        import h5py
+    except ModuleNotFoundError:
+        raise ModuleNotFoundError(
+            "RadarScenes needs h5py: pip install 'd2d[radarscenes]'"
+        ) from None
     with reading(path, "a RadarScenes radar file"), h5py.File(path, "r") as file:
         targets = _table(file, "radar_data", _TARGET_FIELDS)
         odometry = _table(file, "odometry", _ODOMETRY_FIELDS)
@@ -159,8 +164,8 @@ def _tables(path: Path) -> tuple[Table, Table]:
     return targets, odometry
 
 
-def _table(file: h5py.File, name: str, fields: tuple[str, ...]) -> Table:
-    outside = isinstance(file.get(name, getlink=True), h5py.ExternalLink)
+def _table(file: Any, name: str, fields: tuple[str, ...]) -> Table:
+    outside = hasattr(file.get(name, getlink=True), "filename")  # of an external link
     if not outside and name not in file:
         raise ValueError(f"it has no table {name!r}")
     if outside or file[name].is_virtual or file[name].external:
