@@ -65,7 +65,8 @@ def outlier_map() -> tuple[Array, Array, Array]:
                 np.mean(surveys.rival > COMPARABLE),
                 np.median(surveys.basin_width),
             )
-    return table[0], table[1], table[2]
+    right, comparable, basin = table
+    return right, comparable, basin
 
 
 def decades_lost(

@@ -9,6 +9,7 @@ from d2d.study import scenarios
 from d2d.study.estimation import descent, optimisers
 from d2d.study.estimation.optimisers import (
     descend,
+    descend_damped,
     gauss_newton,
     gradient_descent,
     levenberg_marquardt,
@@ -32,6 +33,16 @@ class Parabola:
 
     def curvature(self, x):
         return np.zeros((len(x), len(x)))
+
+
+class Bend(Parabola):
+    """f(x) = arctan x: a Gauss-Newton step from 3 overshoots."""
+
+    def residuals(self, x):
+        return np.arctan(x)
+
+    def jacobian(self, x):
+        return np.diag(1.0 / (1.0 + x**2))
 
 
 @pytest.fixture(scope="module")
@@ -71,6 +82,16 @@ def test_levenberg_marquardt_lies_between_its_limits(pairs):
         -optimisers.gradient(pairs, START),
         rtol=1e-5,
     )
+
+
+def test_the_damping_rises_tenfold_until_a_step_lowers_the_cost_and_falls_to_a_tenth_after_it():
+    """Breaks if it rises or falls by less: 0.001, 0.01 and then 0.01 again overshoot."""
+    start = np.array([3.0])
+    first = start + levenberg_marquardt(Bend(), start, 0.1)
+    second = first + levenberg_marquardt(Bend(), first, 0.1)
+    path = descend_damped(Bend(), start)
+    assert path.converged
+    assert_allclose(path.points[:3], [start, first, second], rtol=1e-9)
 
 
 def test_all_four_arrive_where_register_does(pairs):

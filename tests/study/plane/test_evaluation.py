@@ -1,10 +1,13 @@
 """The scenes of the evaluation, the optima of its costs, its measures and tables."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from d2d import register, rigid
 from d2d.study import scenarios
+from d2d.study.plane import optima
 from d2d.study.plane.evaluation import (
     ALPHA,
     COSTS,
@@ -117,6 +120,20 @@ def test_minima_are_minima_and_the_truth_is_among_them() -> None:
         np.testing.assert_allclose(theta[0], best, atol=1e-6)
         apart = np.abs(theta[:, None] - theta).max(axis=-1) + np.eye(len(theta))
         assert apart.min() > 0.005
+
+
+def test_optima_six_centimetres_or_0_4_degrees_apart_are_two(monkeypatch) -> None:
+    """Breaks if rivals are merged, or if one optimum counts as often as it is found."""
+    places = np.zeros((5, 3))
+    places[1, 0], places[2, 0], places[3, 1], places[4, 2] = 0.03, 0.06, -0.06, np.deg2rad(0.4)
+    ends = SimpleNamespace(
+        theta=scenarios.OVERLAPPED.theta + places[:, None],
+        value=np.arange(5.0)[:, None],
+        converged=np.ones((5, 1), dtype=bool),
+    )
+    monkeypatch.setattr(optima, "register", lambda *sets, **options: ends)
+    found = local_minima.__wrapped__(scenarios.OVERLAPPED, LIKELIHOOD, 1)
+    np.testing.assert_allclose(found.errors[0], places[[0, 2, 3, 4]], atol=1e-12)
 
 
 def test_minima_are_counted_where_they_are_and_as_high_as_they_are() -> None:
