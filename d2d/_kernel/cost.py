@@ -184,12 +184,11 @@ def evaluate_pair(pair, theta, fusion, accuracy, work, block):
 
 
 @compiled
-def pair_at(batch, number, centred):
-    """One pair of the batch, bound; ``centred`` if its motion is one about the sets' centres."""
+def pair_at(batch, number, kept):
+    """One pair of the batch, bound; ``kept`` is 0 if its motion is about the centres, else 1."""
     row = batch.pairs[number]
     fixed_centre = batch.fixed_centres[row[layout.FIXED_SET]]
     moving_centre = batch.moving_centres[row[layout.MOVING_SET]]
-    kept = 0.0 if centred else 1.0
     start, stop = row[layout.MOVING_START], row[layout.MOVING_START] + row[layout.MOVING_SIZE]
     begin, size = 6 * row[layout.FIXED_START], row[layout.FIXED_SIZE]
     fixed = batch.fixed[begin : begin + 6 * size].reshape(6, size)
@@ -251,7 +250,7 @@ def evaluate(batch, problem, pair, theta, accuracy, work, g, h):
     The cost is the sum over the problem's pairs, of which ``pair`` is the first, and the prior's;
     its gradient goes to g (3), its Hessian to h (3, 3).
     """
-    w, motion = work.memory.scratch, work.motion
+    w = work.memory.scratch
     for k in range(LANES):
         w[rows.SHARES + k] = w[rows.DISTANCES + k] = 0.0
     for j in range(3):
@@ -260,9 +259,9 @@ def evaluate(batch, problem, pair, theta, accuracy, work, g, h):
     first = batch.first[problem]
     for number in range(first, batch.first[problem + 1]):
         if number > first:
-            pair = pair_at(batch, number, False)
+            pair = pair_at(batch, number, 1.0)
         chart = motion_chart(batch, number, theta)
-        motion[0], motion[1], motion[2] = chart.x, chart.y, chart.phi
+        motion = chart.x, chart.y, chart.phi
         value += evaluate_pair(pair, motion, batch.fusion, accuracy, work, block)
         block += (pair.moving.shape[1] + LANES - 1) // LANES
         add_derivatives(work, chart, batch.intervals[number], g, h)

@@ -91,7 +91,8 @@ def pack_targets(means, covariances, weights, packed, extremes, centres):
     size, planar = means.shape[1], means.shape[2] == 2
     for b in range(means.shape[0]):
         points = packed[b]
-        x, y = centres[b] = middle_of(means[b], covariances[b])
+        x, y = middle_of(means[b], covariances[b])
+        centres[b, 0], centres[b, 1] = x, y
         for k in range(size):
             points[X, k], points[XX, k] = means[b, k, 0] - x, covariances[b, k, 0, 0]
             points[WEIGHT, k] = weights[b, k]
@@ -148,7 +149,7 @@ def target_batch(batch, thetas, wanted, memory, values):
     for b in range(thetas.shape[0]):
         done = 0
         for number in range(batch.first[b], batch.first[b + 1]):
-            pair = pair_at(batch, number, False)
+            pair = pair_at(batch, number, 1.0)
             chart = motion_chart(batch, number, thetas[b])
             setting = setting_of(pair, (chart.x, chart.y, chart.phi), layout.GATE)
             targets = pair.moving.shape[1]
@@ -222,7 +223,7 @@ def minimise_batch(batch, tolerance, max_iterations, memory, optima):
         c = batch.moving_centres[row[layout.MOVING_SET]]
         away = batch.centred and (a[0] != 0.0 or a[1] != 0.0 or c[0] != 0.0 or c[1] != 0.0)
         if away:
-            chart = centred_chart(thetas[b], a, c)
+            chart = centred_chart((thetas[b, 0], thetas[b, 1], thetas[b, 2]), a, c)
             thetas[b, 0], thetas[b, 1] = chart.x, chart.y
         if max_iterations > 0 and batch.kind == layout.MOTION:
             wrap(thetas[b])

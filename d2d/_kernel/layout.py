@@ -134,7 +134,7 @@ class Memory(NamedTuple):
     scratch: Any  # of the passes over the targets, see `rows`
     lists: Any  # (blocks, PLACE and more) the neighbours of each block of a problem's targets
     candidates: Any  # (2, targets of a fixed set) of int, for the search of neighbours
-    descent: Any  # (17, 3) of the descent, see `work_in`
+    descent: Any  # (16, 3) of the descent, see `work_in`
     stop: Any  # (1,) not zero once a caller has been interrupted: evaluations end, with nan
 
 
@@ -147,8 +147,7 @@ class Work(NamedTuple):
     trial: Any
     trial_gradient: Any
     trial_hessian: Any
-    motion: Any  # of one of several pairs, with its gradient and Hessian
-    gradient: Any
+    gradient: Any  # of one of several pairs
     hessian: Any
     vectors: Any  # (5, 3) of the trust region
 
@@ -160,7 +159,7 @@ def work_in(memory):
     One array takes less time on the way from Python than nine.
     """
     d = memory.descent
-    return Work(memory, d[0], d[1], d[2], d[3], d[6:9], d[4], d[5], d[9:12], d[12:17])
+    return Work(memory, d[0], d[1], d[2], d[3], d[4:7], d[7], d[8:11], d[11:16])
 
 
 LONGEST = 1000  # targets in a list
@@ -186,7 +185,7 @@ def own_memory(blocks: int, targets: int) -> Memory:
     if whole is None or whole.lists.size < blocks * row or whole.candidates.size < 2 * targets:
         candidates = np.empty(2 * targets, dtype=np.int64)
         lists, scratch = _aligned(blocks * row), _aligned(rows.SCRATCH)
-        whole = Memory(scratch, lists, candidates, np.empty((17, 3)), NEVER)
+        whole = Memory(scratch, lists, candidates, np.empty((16, 3)), NEVER)
         _OF_THREAD.whole = whole
     lists = whole.lists[: blocks * row].reshape(blocks, row)
     candidates = whole.candidates[: 2 * targets].reshape(2, targets)

@@ -248,7 +248,7 @@ def minimise(batch, problem, theta, tolerance, max_iterations, work, g, h):
     Where the cost is large, its rounding exceeds what a step gains and cannot tell whether the step
     was good.  Then a step is accepted if it lowers the decrement, and one below RESOLVED is enough.
     """
-    pair = pair_at(batch, batch.first[problem], batch.centred)
+    pair = pair_at(batch, batch.first[problem], 0.0 if batch.centred else 1.0)
     step, scale, trial = work.step, work.scale, work.trial
     radius = first_radius(pair, scale)
     if batch.kind != layout.MOTION:

@@ -143,15 +143,6 @@ def add_corrupted(w, fixed, setting, outlier, cross):
 
 
 @inlined
-def depends_on_components(outlier):
-    """Whether the outlier component depends on single components; an unknown kind raises."""
-    kind = outlier[layout.KIND]
-    if kind != layout.NO_OUTLIER and kind != layout.UNIFORM and kind != layout.CORRUPTED:
-        raise ValueError("the kernel does not know this kind of outlier component")
-    return kind == layout.CORRUPTED
-
-
-@inlined
 def prepare_targets(w, outlier, fusion, measured, top):
     """Set the scales and mean gradients of a block's targets, and all their sums to zero.
 
@@ -208,7 +199,7 @@ def cross_pair(pair, setting, fusion, memory, cross, own):
     fixed, moving, order = pair.fixed, pair.moving, pair.order
     factors, outlier = pair.factors, pair.outlier
     measured, top = factors.shape[0] > 0, 0.0
-    corrupted = depends_on_components(outlier)
+    corrupted = outlier[layout.KIND] == layout.CORRUPTED  # one that depends on the components
     cross = cross[: fixed.shape[1] * ROWS]
     cross[:] = 0.0
     for k in range(10 * LANES):
@@ -279,7 +270,7 @@ def cross_batch(batch, thetas, begin, memory, cross, derivatives):
     for c in range(by_fixed.shape[0]):
         b, fixed_done, moving_done = begin + c, 0, 0
         for number in range(batch.first[b], batch.first[b + 1]):
-            pair = pair_at(batch, number, False)
+            pair = pair_at(batch, number, 1.0)
             chart = motion_chart(batch, number, thetas[b])
             setting = setting_of(pair, (chart.x, chart.y, chart.phi), layout.GATE)
             n, m = pair.fixed.shape[1], pair.moving.shape[1]

@@ -39,13 +39,7 @@ _AT = np.cos(np.pi * (np.arange(NODES) + 0.5) / NODES)
 # From values at the nodes to the coefficients of a polynomial, lowest power first.
 _FIT = 2.0 / NODES * np.cos(np.pi * np.outer(np.arange(NODES), np.arange(NODES) + 0.5) / NODES)
 _FIT[0] *= 0.5
-_POWERS = np.array(
-    [
-        np.pad(chebyshev.cheb2poly(np.eye(NODES)[n, : n + 1]), (0, NODES - 1 - n))
-        for n in range(NODES)
-    ]
-)
-_COEFFICIENTS = _POWERS.T @ _FIT
+_COEFFICIENTS = np.transpose([chebyshev.cheb2poly(column) for column in _FIT.T])
 
 
 @inlined
