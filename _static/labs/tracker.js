@@ -880,10 +880,8 @@ globalThis.tracker = (function radarTracker() {
     return { mean, covariance: weighted(spread), cross: weighted(({ cross }) => cross) };
   }
 
-  const UNSEEN = { value: [0, 0, 0], covariance: UNKNOWN };
-
   /** The belief after a first estimate, for an acceleration {value, covariance} that nothing but the radar tells. */
-  function begin(time, { velocity, white, delay, slow: columns, lag }, by = UNSEEN) {
+  function begin(time, { velocity, white, delay, slow: columns, lag }, by = { value: [0, 0, 0], covariance: UNKNOWN }) {
     const late = product(delay, by.covariance),
       slow = columns.map((row, i) => [...row, -lag * by.value[i]]),
       own = sum(white, product(slow, transposed(slow)), product(late, transposed(delay)));
@@ -914,8 +912,7 @@ globalThis.tracker = (function radarTracker() {
     const transition = identity(6);
     for (let i = 0; i < 3; i++) transition[i][i + 3] = passed;
     const after = product(product(transition, covariance), transposed(transition));
-    JERK.forEach((usual, i) => {
-      const jerk = scale * usual;
+    JERK.map((usual) => scale * usual).forEach((jerk, i) => {
       after[i + 3][i + 3] += passed * jerk;
       after[i][i + 3] += (passed ** 2 / 2) * jerk;
       after[i + 3][i] += (passed ** 2 / 2) * jerk;
@@ -929,9 +926,9 @@ globalThis.tracker = (function radarTracker() {
   function update({ time, passed, shares, modes }, given) {
     const { delay, white } = given,
       interval = 2 * Math.abs(delay[2][2]),
-      uneven = product(product(delay, diagonal(JERK)), transposed(delay)),
       added = Math.max(interval / 5, interval ** 2 / (9 * passed)),
-      found = modes.map((belief, i) => updated(belief, { ...given, white: sum(white, scaled(uneven, added * JERK_SCALES[i])) }));
+      uneven = product(product(delay, diagonal(JERK)), scaled(transposed(delay), added)),
+      found = modes.map((belief, i) => updated(belief, { ...given, white: sum(white, scaled(uneven, JERK_SCALES[i])) }));
     if (Math.min(...found.map(({ squares }) => squares)) > IMPLAUSIBLE ** 2) return begin(time, given);
     const most = Math.max(...found.map(({ evidence }) => evidence)),
       weights = found.map(({ evidence }, i) => shares[i] * Math.exp(evidence - most)),
@@ -963,9 +960,8 @@ globalThis.tracker = (function radarTracker() {
   /** The mean {time, mean} at a later time at which nothing was estimated: what turns and speeds up decays. */
   function guess({ time: before, mean }, time) {
     const kept = Math.exp((before - time) / GUESSED),
-      velocity = [0, 1, 2].map((i) => (i ? kept : 1) * mean[i] + GUESSED * (1 - kept) * mean[i + 3]),
-      stands = velocity[0] * mean[0] <= 0;
-    return { time, mean: stands ? mean.map(() => 0) : [...velocity, ...mean.slice(3).map((each) => kept * each)] };
+      velocity = [0, 1, 2].map((i) => (i ? kept : 1) * mean[i] + GUESSED * (1 - kept) * mean[i + 3]);
+    return { time, mean: velocity[0] * mean[0] > 0 ? [...velocity, ...mean.slice(3).map((each) => kept * each)] : mean.map(() => 0) };
   }
 
   // ---- d2d/radar/tracks/estimator.py ---------------------------------------------------------------------------------------

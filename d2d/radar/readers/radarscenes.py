@@ -23,14 +23,16 @@ from d2d.radar.scans.scan import BOUNDS, MEASURED, Mounting, RadarScan
 
 SLIP = SlipLaw(ahead=0.0, compliance=0.0045)
 
-# Fitted to the errors of all four sensors together in sequence 105, by maximum likelihood.
+# Fitted to the errors of all four sensors together in sequence 105, by maximum likelihood (azimuth
+# 0.10 deg, Doppler 0.040 m/s).  These cannot tell the two apart; sensor 3 alone has 0.2 deg there.
+# So the azimuth is as large as costs the four at most 0.05 of their log score.
 RADARSCENES_BUDGET = ErrorBudget(
-    azimuth=float(np.deg2rad(0.1)),
-    doppler=0.04,
+    azimuth=float(np.deg2rad(0.15)),
+    doppler=0.035,
     scale=0.0013,
     lag=0.015,
     neighbours=1.0,
-    source="RadarScenes, sequence 105, four sensors",
+    source="RadarScenes, sequence 105, four sensors and one alone",
 )
 
 Table = dict[str, NDArray[Any]]
