@@ -1,6 +1,7 @@
 """CPU time of a round in a `Tracker`, and its memory over an hour: python -m benchmarks.live"""
 
 import argparse
+import gc
 import resource
 import time
 from collections.abc import Iterator
@@ -44,6 +45,7 @@ def crowded_drive(sensors: int, rate: float, targets: int) -> Iterator[tuple[str
 def latency(sensors: int, rate: float, targets: int) -> str:
     """CPU time from the last scan of a round to its estimate."""
     own = Tracker({str(s): at for s, at in enumerate(CORNERS[:sensors])}, budget=BUDGET)
+    gc.freeze()
     spent, sizes = [], []
     for name, scan in crowded_drive(sensors, rate, targets):
         start = time.process_time()

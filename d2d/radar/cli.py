@@ -1,6 +1,7 @@
 """The command line `python -m d2d.radar`: tracks from logs and data sets, written to files."""
 
 import argparse
+import gc
 import inspect
 import io
 import itertools
@@ -397,6 +398,7 @@ def _live(arguments: argparse.Namespace) -> None:
     with _compiling():
         options = _options(arguments, ErrorBudget())
         tracker = Tracker(mountings_of(vars(arguments)), keep=1, **options)
+        gc.freeze()  # no round waits for a collection of all that Numba holds
     if isinstance(sys.stdin, io.TextIOWrapper):
         # JSON is UTF-8, which may begin with a mark; a wrong byte is one wrong line
         sys.stdin.reconfigure(encoding="utf-8-sig", errors="replace")
