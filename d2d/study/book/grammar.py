@@ -70,10 +70,10 @@ SETS = {
 
 COVARIANCES = {
     "inverse Hessian": Look("inverse Hessian", BLACK, "P", "-"),
-    "propagated noise": Look("propagated noise", SKY, "^", "--"),
-    "noise and budget": Look("noise and budget", PURPLE, "*", "-"),
+    "propagated noise": Look("propagated noise", "#00687A", "^", "--"),
+    "noise and budget": Look("noise and budget", "#B8255F", "*", "-"),
 }
-"""The look of each covariance of one and the same estimate."""
+"""The look of each covariance of one and the same estimate: hues that nothing else has."""
 
 
 def cost_key(cost: RegistrationCost) -> str:

@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from d2d.radar import Drive, RadarScan, Sensor, simulate_drive, track
 from d2d.radar.simulation.drive import CAR_MOUNTING, CAR_SPEED
 from d2d.study.book.grammar import BLACK, GREY, OCHRE, PURPLE
+from d2d.study.book.style import write_out_ticks
 from d2d.study.guides.rows import Row, row
 
 FACTORS = (0.25, 0.5, 1.0, 2.0, 4.0)
@@ -73,6 +74,8 @@ def draw_stated_sigmas(axes: Sequence[Axes], rows: dict[str, list[Row]]) -> None
         ax.set(xscale="log", xlabel="stated over true", title=label)
         ax.set_xticks(FACTORS, ["¼", "½", "1", "2", "4"])
         ax.minorticks_off()
+    axes[1].sharey(axes[0])
     axes[2].set_yscale("log")
+    write_out_ticks(axes[2].yaxis, (0.5, 1, 2, 5, 10))
     axes[0].set_ylabel("relative to the true values")
-    axes[0].legend()
+    axes[1].legend()

@@ -70,7 +70,9 @@ def cost_panels(
             profile = rotation_profile(cost, *sets, scenario.theta, ROTATIONS)
             above = np.maximum(profile.max() - profile, LOWEST_COST)
             cuts.plot(np.rad2deg(ROTATIONS), above, **cost_line(name))
-            cuts.text(-39.0, 1.4 * above[0], LOOKS[name].name, color=LOOKS[name].color, size=9)
+            cuts.text(
+                -39.0, 1.4 * above[:60].max(), LOOKS[name].name, color=LOOKS[name].color, size=9
+            )
         cuts.axvline(0.0, **TRUTH)
         cuts.set(yscale="log", ylim=(LOWEST_COST, 2e4), title="(d) over the rotation")
         cuts.set(xlabel="φ − truth (°)", ylabel="−log density")

@@ -180,7 +180,7 @@ def draw(scenes: Mapping[str, tuple[pd.DataFrame, Fit]], path: Path) -> None:
     axes[1].set(title="excess / ω² (m s)", xlabel="range (m)")
     letter_panels(axes)
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=4)
-    figure.savefig(path, dpi=110, bbox_inches="tight", metadata={"Software": None})
+    figure.savefig(path, dpi=220, bbox_inches="tight", metadata={"Software": None})
     plt.close(figure)
 
 
