@@ -121,7 +121,7 @@ def none_for(sets: int) -> tuple[NDArray[Any], NDArray[Any]]:
 def tiles_of(sets: NDArray[Any], outlier: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
     """The tiles (T, TILE) of some packed sets (B, 6, N), and their grids (B, 5).
 
-    A set has none if more would be needed than it has components: the plain sum is faster then.
+    A set has none if they were more than half of its components: the plain sums take less then.
     """
     size, (xx, xy, yy) = sets.shape[-1], root_of(outlier)
     grids, filled = np.zeros((len(sets), 5)), [np.empty((0, TILE))]
@@ -129,7 +129,7 @@ def tiles_of(sets: NDArray[Any], outlier: NDArray[Any]) -> tuple[NDArray[Any], N
     low, high = places.min(axis=-1), places.max(axis=-1)
     shape = np.ceil(0.5 * (high - low) + BORDER)
     corner = 0.5 * (low + high) - shape
-    for b in np.flatnonzero(shape.prod(axis=-1) <= size):
+    for b in np.flatnonzero(2 * shape.prod(axis=-1) <= size):
         grids[b] = *shape[b], *corner[b], sum(map(len, filled))
         filled.append(_filled(places[b], sets[b, WEIGHT], shape[b].astype(int), corner[b]))
     return np.concatenate(filled), grids
