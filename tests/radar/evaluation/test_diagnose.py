@@ -139,6 +139,7 @@ def test_sensors_that_contradict_each_other_are_told():
 
 # Values on either side of a limit: the symptom, and whether it is found.
 BESIDE_LIMITS = {
+    "minutes": (lambda s: replace(s, time=s.time / 60.0), "times in another unit than s", True),
     "narrow": (lambda s: replace(s, azimuth=0.1 * s.azimuth), "azimuths in radians", False),
     "far": (lambda s: replace(s, range=s.range + 700.0), "ranges in cm", True),
     "precise": (lambda s: replace(s, sigma_azimuth=0.05 * DEGREE), "azimuth too small", False),
