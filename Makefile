@@ -86,7 +86,11 @@ html: $(STAMP) ## Build the book from the notebooks' stored outputs, in a minute
 	$(build_pages)
 
 test: $(STAMP) ## Run the tests, and every notebook against its stored outputs
-	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal tests
+	@status=0; \
+	$(BIN)/python -m pytest -n $(JOBS) --dist loadscope --nbval --nbval-current-env \
+	  --nbval-sanitize-with tests/nbval.cfg --nbval-cell-timeout 300 chapters || status=1; \
+	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal tests || status=1; \
+	exit $$status
 
 test-book: $(VENV)/.book-test _build/html/index.html ## Test the built book in a real browser, if one is installed
 	$(BIN)/python -m pytest -n $(JOBS) --dist loadgroup tests/book
