@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from d2d.radar import load_radarscenes, track
+from d2d.radar import Tracker, load_radarscenes
 from d2d.radar.readers.radarscenes import RADARSCENES_BUDGET
 from d2d.radar.tracks.path import integrate
 from d2d.study.road.estimates import estimates_path, read_estimates
@@ -40,8 +40,10 @@ def drive() -> dict[str, Array]:
     own, true = (integrate(theta, bare.intervals)[1:] for theta in (bare.theta, reference))
     hessian = judged.covariances[:, :2, :2]
     shared = replace(RADARSCENES_BUDGET, neighbours=0.0)  # errors of whole scans
-    budgeted = track(RECORDING, baseline=2, budget=shared)
-    budget = hessian + budgeted.systematic[:, :2, :2]
+    tracker = Tracker({"radar": RECORDING.mounting}, baseline=2, budget=shared)
+    pairs = [pair for scan in RECORDING.scans for pair in tracker.add("radar", scan)]
+    systematic = [pair.filter_input.parts.systematic for pair in pairs if pair.filter_input]
+    budget = hessian + np.array(systematic)[:, :2, :2]
     return {
         "time": bare.times,
         **dict(zip(("x", "y", "yaw"), own.T, strict=True)),
@@ -55,7 +57,7 @@ def drive() -> dict[str, Array]:
     }
 
 
-def pairs(start: float) -> list[list[float]]:
+def shown_scans(start: float) -> list[list[float]]:
     """Pairs of scans 0.3 s apart, one in 0.9 s: each a time, then x and y of its targets in dm.
 
     The times count as the estimates do, the first of which is at ``start``; the targets are those
@@ -75,7 +77,7 @@ def script(columns: dict[str, Array]) -> str:
         name: [float(f"{value:.4g}") for value in column] for name, column in columns.items()
     }
     lines = [f'"{name}": {json.dumps(own, separators=(",", ":"))}' for name, own in rounded.items()]
-    shown = json.dumps(pairs(float(columns["time"][0])), separators=(",", ":"))
+    shown = json.dumps(shown_scans(float(columns["time"][0])), separators=(",", ":"))
     lines.append(f'"scans": {shown}')
     head = "// RadarScenes 105, by tools/replay_data.py; its scans are under CC BY-NC-SA 4.0."
     return f"{head}\nglobalThis.replayData = {{\n" + ",\n".join(lines) + ",\n};\n"
