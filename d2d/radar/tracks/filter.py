@@ -160,10 +160,7 @@ def _mode_changes(passed: float) -> Array:
 
 
 def update(predicted: Mixture, given: FilterInput) -> Mixture:
-    """The belief after an estimate at the time of the prediction.
-
-    Where no mode explains the estimate, the filter begins anew with it.
-    """
+    """The belief after an estimate at the predicted time, anew where no mode explains it."""
     means = predicted.modes.mean
     to = np.pad(np.hstack([np.eye(3), given.delay]), [(0, 0), (0, means.shape[-1] - 6)])
     slow = np.stack([np.column_stack([given.slow, -given.lag * each[3:6]]) for each in means])
