@@ -105,7 +105,8 @@ class SensorMotion(NamedTuple):
         covariance = inverse @ covariance_of_sum(scores)[0] @ inverse
         # the lever arm is known from the prior alone, which the scores do not show
         covariance += np.outer(inverse[:, 1], inverse[:, 1]) * lever**-2
-        bends = max(_UNKNOWN, float(np.median(np.abs(off - center)))) if guessed else 0.0
+        # of several bends, to both sides, half of the usual deviation is left
+        bends = max(_UNKNOWN, 0.5 * float(np.median(np.abs(off - center)))) if guessed else 0.0
         sigma = np.hypot(np.sqrt(covariance[0, 0]), bends)
         return float(wrapped(middle + best[0])), float(sigma)
 
