@@ -1,5 +1,5 @@
 // What a page does beside showing itself. Everything can be read without it.
-document.addEventListener("DOMContentLoaded", () => {
+document.addEventListener("readystatechange", () => { // before the theme looks for what stands in the margin
   const named = document.querySelectorAll("summary, .search-button, .search-button-field"); // by their texts
   named.forEach((each) => each.removeAttribute("aria-label"));
   document.querySelectorAll(".measured-scroll").forEach((each) => (each.tabIndex = 0)); // to scroll by keys
@@ -10,7 +10,7 @@ document.addEventListener("DOMContentLoaded", () => {
   filterLedger(rows);
   openClaim(rows);
   window.addEventListener("hashchange", () => openClaim(rows));
-});
+}, { once: true });
 
 // A page that is opened from a folder cannot read others for their first lines.
 if (location.protocol === "file:") DOCUMENTATION_OPTIONS.SHOW_SEARCH_SUMMARY = false;
