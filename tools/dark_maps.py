@@ -33,7 +33,7 @@ GREY = 20  # of 255 by which the channels of a colour differ: cividis has some, 
 # The style sheet's filter invert(1) hue-rotate(180deg) brightness(1.3) of red, green and blue.
 INVERT = 1.3 * np.array([[-0.574, 1.43, 0.144], [0.426, 0.43, 0.144], [0.426, 1.43, -0.856]])
 RULE = """html[data-theme="dark"] body .bd-content article img[src$="/{name}"] {{
-  background: url("../_images/{dark}") 0 0 / 100% 100% no-repeat;
+  background: url("../_images/{dark}") 0 0 / cover no-repeat;
   filter: none;
   object-position: -9999px 0;
 }}
@@ -77,11 +77,11 @@ def write(app: Any, exception: Exception | None) -> None:
         kept = maps(picture)
         if kept.any():
             dark, written = path.with_suffix(SUFFIX), io.BytesIO()
-            Image.fromarray(np.where(kept[..., None], picture, inverted(picture))).save(
-                written, "PNG"
-            )
+            drawn = np.where(kept[..., None], picture, inverted(picture))
+            Image.fromarray(drawn).save(written, "PNG")
             dark.write_bytes(shrink(written.getvalue()))
-            rules.append(RULE.format(name=path.name, dark=dark.name))
+            for name in (path.name, f"{path.stem}.small.webp"):  # the gallery has small ones
+                rules.append(RULE.format(name=name, dark=name.replace(".", ".dark.", 1)))
     (Path(app.outdir) / "_static" / STYLES).write_text("".join(rules), encoding="utf-8")
 
 

@@ -106,5 +106,5 @@ def setup(app: Sphinx) -> dict[str, bool]:
     app.add_node(gallery)
     app.add_directive("gallery", Gallery)
     app.connect("doctree-resolved", fill)
-    app.connect("build-finished", write_small)
+    app.connect("build-finished", write_small, priority=900)  # once there are dark ones
     return {"parallel_read_safe": True}
