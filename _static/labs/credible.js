@@ -148,7 +148,7 @@ labs.define(
         "lab-truth",
       );
       histogram.rule("x", CHI3, "lab-zero");
-      histogram.text(CHI3 + 0.2, histogram.y[1] * 0.93, "95 % left of this");
+      histogram.text(CHI3 + 0.2, histogram.y[1] * 0.85, "← 95 %");
       histogram.text(TOP - 0.2, histogram.y[1] * 0.06, "≥ 19", { "text-anchor": "end" });
     }
 
@@ -232,7 +232,7 @@ labs.define(
         bar(lab.costs()),
         labs.row(
           panel("Errors of the registrations", scatter),
-          panel("Errors in units of what was stated", histogram),
+          panel("Errors in stated units", histogram),
         ),
         labs.legend(
           stated,
