@@ -86,7 +86,7 @@ def fill(app: Sphinx, document: nodes.document, here: str) -> None:
             links = [*laboratories(read, address), *figures(read, address, images)]
             if links:
                 title = nodes.title("", env.titles[page].astext())
-                pictures = nodes.container("", *links, classes=["gallery", "full-width"])
+                pictures = nodes.container("", *links, classes=["gallery"])
                 ids = [nodes.make_id(f"of {page}")]
                 sections.append(nodes.section("", title, pictures, ids=ids))
         place.replace_self(sections)
