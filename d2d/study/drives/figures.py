@@ -190,7 +190,7 @@ def velocity_ellipses(ax: Axes, estimates: Mapping[str, Estimate], theta: Array)
 
     An inset enlarges the smaller one.
     """
-    inset = ax.inset_axes((0.6, 0.08, 0.38, 0.76), aspect="equal")
+    inset = ax.inset_axes((0.6, 0.2, 0.38, 0.66), aspect="equal")
     for name, estimate in estimates.items():
         color = GREY if name == "without Doppler" else ROBUST
         of_velocity = PointSet(estimate.theta[None, :2], estimate.covariance[None, :2, :2])
@@ -201,14 +201,15 @@ def velocity_ellipses(ax: Axes, estimates: Mapping[str, Estimate], theta: Array)
         if color == ROBUST:
             inset.set_title(name, color=color)
         else:
-            label(ax, estimate.theta[:2], name, color, (-30, 6))
+            label(ax, estimate.theta[:2], name, color, (34, 48))
     for panel in (ax, inset):
         panel.plot(*theta[:2], "+", color=BLACK, ms=9)
         panel.autoscale_view()
-    label(inset, theta[:2], "truth", BLACK, (7, -12))
+    label(inset, theta[:2], "truth", BLACK, (20, -12))
     ax.set(xlabel="$v_x$ (m/s)", ylabel="$v_y$ (m/s)", aspect="equal", adjustable="datalim")
     low, high = ax.get_xlim()
-    ax.set_xlim(low, low + 2.6 * (high - low))
+    ax.update_datalim([(low + 2.6 * (high - low), theta[1])])  # room for the inset
+    ax.autoscale_view()
     ax.indicate_inset_zoom(inset, edgecolor="0.5")
 
 
