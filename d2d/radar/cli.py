@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import numpy as np
 
@@ -142,11 +142,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         with _plain_warnings():
             return int(arguments.run(arguments) or 0)
-    except BrokenPipeError:  # whoever read the output has gone; nothing is left to flush at exit
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except BrokenPipeError:  # whoever read the output has gone
+        _drop_unwritten(sys.stdout)
         return 1
     except (ValueError, OSError, ModuleNotFoundError) as error:
         _complain(f"error: {error}")
+        _drop_unwritten(sys.stdout)
         return 1
     except KeyboardInterrupt:
         rest = ", nothing was written" if arguments.command == "track" else ""
@@ -184,7 +185,23 @@ def _complain(text: str) -> None:
     """Write a line to the standard error; drop it if that cannot be written to."""
     if sys.stderr is not None:
         with suppress(OSError, ValueError):
-            print(f"{PROGRAM}: {brief(_plain(text), 1000)}", file=sys.stderr, flush=True)
+            print(f"{PROGRAM}: {brief(_plain(text), 1000)}", file=sys.stderr)
+        _drop_unwritten(sys.stderr)
+
+
+def _drop_unwritten(stream: TextIO | None) -> None:
+    """Drop what a stream cannot write, which Python would try again at exit, with status 120."""
+    if stream is None or stream.closed:
+        return
+    try:
+        stream.flush()
+    except OSError:
+        kept, nowhere = os.dup(stream.fileno()), os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, stream.fileno())
+        stream.flush()
+        os.dup2(kept, stream.fileno())
+        os.close(kept)
+        os.close(nowhere)
 
 
 def _plain(text: object) -> str:
