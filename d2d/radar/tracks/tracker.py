@@ -260,6 +260,9 @@ class Tracker:
 
 def _estimator(sensors: int, options: TrackOptions) -> OdometryEstimator:
     """An estimator for this number of sensors, from options that are checked here."""
+    unknown = options.keys() - TrackOptions.__annotations__.keys()
+    if unknown:
+        raise TypeError(f"unknown options: {', '.join(sorted(unknown))}")
     left = options.copy()
     left.pop("horizon", None)  # of the rounds
     left.pop("baseline", None)

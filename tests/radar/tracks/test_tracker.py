@@ -226,6 +226,8 @@ def test_a_tracker_refuses_what_is_no_scan_of_its_sensors():
             Tracker(mountings, **options)
     with pytest.raises(ValueError, match=r"^smooth must be False without carry"):
         track((scans, at), carry=False, smooth=True)
+    with pytest.raises(TypeError, match=r"^unknown options: budgets"):
+        track((scans, at), budgets=ErrorBudget())
 
 
 # ---- one sensor or several
