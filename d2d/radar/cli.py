@@ -164,6 +164,7 @@ def _plain_warnings() -> Iterator[None]:
 
     with warnings.catch_warnings():
         warnings.simplefilter("always", UserWarning)
+        warnings.simplefilter("ignore", DeprecationWarning)  # of libraries beneath
         warnings.showwarning = show  # type: ignore[assignment]
         yield
 

@@ -152,6 +152,8 @@ FULL = Path("/dev/full")  # every write to it fails
 def test_a_complaint_that_cannot_be_written_is_dropped(closed):
     """Breaks if a service ends with the log that it complains to, or its complaints are taken for
     estimates."""
+    if closed and np.__version__ < "2.1":
+        pytest.skip("NumPy 2.0 cannot be imported without a standard error")
     good = lines()
     given = "\n".join([good[0], "{", "null", *good[1:]])
     command = shlex.join(PROGRAM) + (" 2>&-" if closed else f" 2>{FULL}")
