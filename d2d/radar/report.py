@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from d2d._types import Array
-from d2d.radar.scans.scan import doppler_velocity, level
+from d2d.radar.evaluation.sensor_motion import residuals_of
 from d2d.radar.tracks.rounds import SensorScans
 from d2d.radar.tracks.track import Track
 
@@ -20,7 +19,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _BIN = np.deg2rad(4.0)
-_SHOWN = 5.0  # standard deviations of a residual, beyond which a target moves
 _FEW = 20  # residuals, of which a median says little
 
 
@@ -67,25 +65,6 @@ def _drawn(sensors: Mapping[str, SensorScans], driven: Track) -> Figure:
         ax.axhline(0.0, color="black", lw=0.8)
         ax.set(title=name, xlabel="azimuth (°)", ylabel="residual (m/s)")
     return figure
-
-
-def residuals_of(sensor: SensorScans, driven: Track) -> tuple[Array, Array]:
-    """Azimuth (rad) and Doppler residual (m/s), each (n,), of the targets that stand still.
-
-    They are those within five standard deviations of the velocity that the track has at their time.
-    """
-    scans, mounting = sensor
-    found = [np.empty((2, 0))]
-    for part in driven.segments:
-        own = [s for s in scans if s.size and part.times[0] <= s.time <= part.times[-1]]
-        for scan, theta in zip(own, part.at([s.time for s in own]).theta, strict=True):
-            flat, place = level(scan, mounting)
-            if np.isfinite(theta).all():
-                residual = flat.doppler - doppler_velocity(theta, flat.azimuth, place)
-                still = np.abs(residual) < _SHOWN * flat.sigma_doppler + 0.02 * np.abs(theta[0])
-                found.append(np.stack([flat.azimuth, residual])[:, still])
-    azimuth, residual = np.concatenate(found, axis=1)
-    return azimuth, residual
 
 
 def _image(figure: Figure, text: str) -> str:

@@ -24,8 +24,8 @@ from d2d.radar import (
     write_csv,
 )
 from d2d.radar.cli import main
+from d2d.radar.evaluation.sensor_motion import residuals_of
 from d2d.radar.readers import READERS
-from d2d.radar.report import residuals_of
 
 DEGREE = np.deg2rad(1.0)
 SIDE = Mounting(0.3, 0.2, 60.0 * DEGREE)

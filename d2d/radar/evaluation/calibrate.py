@@ -24,6 +24,7 @@ _POWERS = (0, 2)  # of v_x in the slip law
 _LAG, _AHEAD, _COMPLIANCE, _BIAS = 0, 2, 3, -1  # places among the parameters
 # A drive does not determine a parameter whose standard deviation is larger than this.
 _LIMITS = {_LAG: 0.1, _BIAS: np.deg2rad(0.3), _AHEAD: 0.3, _COMPLIANCE: 0.01}  # s, rad/s, m, s^2/m
+_DEGREES = np.rad2deg(1.0)
 _SEARCHED = SECONDS._replace(least=1e-6, most=1e4)
 _AT_BOUND = 1e-3  # s
 _SURE = 3.0  # standard deviations beyond a limit
@@ -71,8 +72,14 @@ class Calibration:
     block: float
 
     @property
+    def values(self) -> Array:
+        """The parameters (5 + S,), in the order of ``covariance``."""
+        slip = self.slip.ahead, self.slip.compliance
+        return np.array([self.lag, self.speed_factor, *slip, *self.yaw, self.bias])
+
+    @property
     def sigmas(self) -> Array:
-        """Standard deviations (4 + S,), in the order of ``covariance``; nan where not fitted."""
+        """Standard deviations (5 + S,), in the order of ``covariance``; nan where not fitted."""
         return np.sqrt(np.diag(self.covariance))
 
     def reference(self, reference: Reference) -> Reference:
@@ -87,35 +94,24 @@ class Calibration:
         return Reference(reference.times, theta, moved.poses)
 
     def __str__(self) -> str:
-        degrees = np.rad2deg(1.0)
+        sensors = range(1, len(self.yaw) + 1)
         rows = [
-            ("lag", self.lag, 1.0, 4, "s"),
-            ("speed factor", self.speed_factor, 1.0, 5, ""),
-            ("ahead of the rear axle", self.slip.ahead, 1.0, 3, "m"),
-            ("compliance", self.slip.compliance, 1.0, 5, "s^2/m"),
+            ("lag", 1.0, "s"),
+            ("speed factor", 1.0, ""),
+            ("ahead of the rear axle", 1.0, "m"),
+            ("compliance", 1.0, "s^2/m"),
+            *((f"yaw of sensor {s} of {len(self.yaw)}", _DEGREES, "deg") for s in sensors),
+            ("bias of the yaw rate", _DEGREES, "deg/s"),
         ]
-        rows += [
-            (f"yaw of sensor {s} of {len(self.yaw)}", angle, degrees, 3, "deg")
-            for s, angle in enumerate(self.yaw, start=1)
-        ]
-        rows.append(("bias of the yaw rate", self.bias, degrees, 4, "deg/s"))
         lines = [
             f"{self.scans} scans over {self.duration:.1f} s, {self.share:.1%} of them used; "
             f"Doppler residuals {self.rms:.2f} sigma",
             "",
         ]
-        for (name, value, unit, digits, text), sigma in zip(rows, self.sigmas, strict=True):
-            error = f"+- {sigma * unit:.{digits}f}" if np.isfinite(sigma) else ""
-            lines.append(f"{name:22}  {value * unit:+9.{digits}f} {error:10} {text}".rstrip())
-        lines += ["", f"Standard deviations from blocks of {self.block:.1f} s."]
-        names = {
-            _LAG: "the lag",
-            _AHEAD: "the place of the axle",
-            _COMPLIANCE: "the compliance",
-            _BIAS: "the bias",
-        }
-        held = [name for place, name in names.items() if np.isnan(self.sigmas[place])]
-        return "\n".join([*lines, *(f"Held, not fitted: {name}." for name in held)])
+        for (name, unit, text), value, sigma in zip(rows, self.values, self.sigmas, strict=True):
+            error = f"+- {sigma * unit:.5f}" if np.isfinite(sigma) else "held"
+            lines.append(f"{name:22}  {value * unit:+10.5f} {error:11} {text}".rstrip())
+        return "\n".join([*lines, "", f"Standard deviations from blocks of {self.block:.1f} s."])
 
 
 def calibrate(
@@ -175,14 +171,14 @@ def calibrate(
     velocities = scan_velocities((scans, mounting) for scans, mounting, _ in logs)
     model = CalibrationModel.of(velocities, [reference for *_, reference in logs], _POWERS)
     if ahead is not None:
-        model.start[_AHEAD - 1] = _AHEAD_BOUND.number("ahead", ahead)
-        model.free[_AHEAD - 1] = False
+        model.start[_AHEAD] = _AHEAD_BOUND.number("ahead", ahead)
+        model.free[_AHEAD] = False
     model.free[_BIAS] = False  # until scans that follow traffic are left out
-    model, _ = _selected(model, -bound, bound)
+    model, _ = _selected(model, bound)
     model.free[_BIAS] = True
-    model, found = _selected(model, -bound, bound)
+    model, found = _selected(model, bound)
     _check_residuals(found)
-    spread, block = covariance(model, found, with_lag=True)
+    spread, block = covariance(model, found)
     for place, limit in _LIMITS.items():
         if not spread[place, place] > limit**2:  # nan if it is held already
             continue
@@ -191,19 +187,16 @@ def calibrate(
                 "the drive has too little acceleration to find the lag, which is held at 0 s",
                 stacklevel=2,
             )
-            bound = 0.0
-        else:
-            model.free[place % len(spread) - 1] = False
-        model, found = _selected(model, -bound, bound)
-        spread, block = covariance(model, found, with_lag=bound > 0.0)
-    speed, offset, square, *yaw, bias = found.parameters.tolist()
-    speed_factor = 1.0 + speed
+        model.free[place] = False
+        model, found = _selected(model, bound)
+        spread, block = covariance(model, found)
+    lag, speed, offset, square, *yaw, bias = found.parameters.tolist()
     unit = np.ones(len(spread))
-    unit[_COMPLIANCE] = -1.0 / speed_factor**2  # the fit multiplies the reference's v_x^2
-    _check(found, np.sqrt(spread[_AHEAD, _AHEAD]), abs(found.lag) > bound - _AT_BOUND > 0.0)
+    unit[_COMPLIANCE] = -1.0 / (1.0 + speed) ** 2  # the fit multiplies the reference's v_x^2
+    _check(found, np.sqrt(spread[_AHEAD, _AHEAD]), bool(model.free[_LAG]), bound)
     return Calibration(
-        lag=found.lag,
-        speed_factor=speed_factor,
+        lag=lag,
+        speed_factor=1.0 + speed,
         slip=SlipLaw(offset, square * unit[_COMPLIANCE]),
         yaw=np.array(yaw),
         bias=bias,
@@ -232,15 +225,15 @@ def _check_residuals(found: Fit) -> float:
     return rms
 
 
-def _check(found: Fit, sigma_ahead: float, at_bound: bool) -> None:
+def _check(found: Fit, sigma_ahead: float, searched: bool, bound: float) -> None:
     """Raise a ValueError if the best fit cannot be true: nothing may be stated by it."""
-    speed, ahead, _, *yaw, _ = found.parameters
+    lag, speed, ahead, _, *yaw, _ = found.parameters
     margin = _SURE * float(np.nan_to_num(sigma_ahead))
     said = ""
-    if at_bound:
+    if searched and abs(lag) > bound - _AT_BOUND:
         said = (
-            f"clocks that differ by less than max_lag, but the best lag, {found.lag:+.3f} s, is at "
-            "the bound of the search; is the reference that of another drive?"
+            f"clocks that differ by less than max_lag, but the best lag, {lag:+.3f} s, is at the "
+            "bound of the search; is the reference that of another drive?"
         )
     elif not _FACTORS[0] < 1.0 + speed < _FACTORS[1]:
         hint = "are they in km/h" if speed > -1.0 else "is a radar mounted backwards"
@@ -291,13 +284,13 @@ def _logs(recordings: Recording | Iterable[Recording | SensorLog]) -> list[Senso
     return logs
 
 
-def _selected(model: CalibrationModel, low: float, high: float) -> tuple[CalibrationModel, Fit]:
+def _selected(model: CalibrationModel, bound: float) -> tuple[CalibrationModel, Fit]:
     """Alternate fitting and gating until the set of scans is stable."""
-    found = fit(model, low, high)
+    found = fit(model, -bound, bound)
     for _ in range(_MAX_SELECTIONS):
         used = agreeing(model, found)
         if (used == model.used).all():
             break
         model = replace(model, used=used)
-        found = fit(model, low, high)
+        found = fit(model, -bound, bound)
     return model, found

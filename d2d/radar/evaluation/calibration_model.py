@@ -77,10 +77,10 @@ def _quadratic(scan: RadarScan, mounting: Mounting) -> tuple[Array, Array, float
 class CalibrationModel:
     """A model of sensors that move as a corrected reference says.
 
-    The parameters are [speed, coefficients c_j, yaw of each sensor, bias]: the vehicle moves with
-    v_x (1 + speed) and v_y = sum_j c_j v_x^(p_j) omega, where v_x is that of the reference and
-    omega its yaw rate less the bias (rad/s), and each yaw (rad) is added to the angle of a
-    mounting.
+    The parameters are [lag, speed, coefficients c_j, yaw of each sensor, bias]: at a time t, the
+    vehicle moves with v_x (1 + speed) and v_y = sum_j c_j v_x^(p_j) omega, where v_x is that of the
+    reference at t - lag and omega its yaw rate there less the bias (rad/s), and each yaw (rad) is
+    added to the angle of a mounting.
     """
 
     velocities: ScanVelocities
@@ -95,81 +95,86 @@ class CalibrationModel:
         cls, velocities: ScanVelocities, references: Sequence[Reference], powers: tuple[int, ...]
     ) -> "CalibrationModel":
         """The model of all scans with all parameters free, started at zero."""
-        count = 2 + len(powers) + velocities.sensors
+        count = 3 + len(powers) + velocities.sensors
         scans = np.ones(len(velocities.time), dtype=np.bool_)
         return cls(velocities, references, powers, np.zeros(count), np.ones(count, np.bool_), scans)
 
-    def predicted(self, lag: float, parameters: Array) -> tuple[Array, Array]:
+    def predicted(self, parameters: Array) -> tuple[Array, Array]:
         """Velocities (n, 2) that sensors measure if mounted as stated; derivatives (n, 2, P).
 
-        Nan where unknown.
+        Nan where unknown.  The derivatives in the lag are left at zero.
         """
-        sensor, place = self.velocities.sensor, self.velocities.place
-        v, omega = self._odometry(lag)
-        omega = omega - parameters[-1]
-        speed, coefficients, yaw = np.split(parameters[:-1], [1, 1 + len(self.powers)])
-        columns = [v**power * omega for power in self.powers]
-        ahead = place[:, 0] + coefficients @ [v**power for power in self.powers]
-        velocity = np.stack([v * (1.0 + speed) - omega * place[:, 1], omega * ahead], axis=-1)
+        sensor, place, time, *_ = self.velocities
+        v, omega = np.full((2, len(time)), np.nan)
+        for s, reference in enumerate(self.references):
+            own = sensor == s
+            for row, column in ((v, 0), (omega, 2)):
+                known = reference.times, reference.theta[:, column]
+                row[own] = np.interp(time[own] - parameters[0], *known, left=np.nan, right=np.nan)
+        omega -= parameters[-1]
+        powers = np.array([v**power for power in self.powers])
+        of_yaw = 2 + len(self.powers) + sensor
+        ahead = place[:, 0] + parameters[2 : 2 + len(powers)] @ powers
+        velocity = np.stack([v * (1.0 + parameters[1]) - omega * place[:, 1], omega * ahead])
         # the vehicle's axes, as such a sensor sees them
-        cosine, sine = np.cos(yaw[sensor]), np.sin(yaw[sensor])
+        cosine, sine = np.cos(parameters[of_yaw]), np.sin(parameters[of_yaw])
         forward, left = np.stack([cosine, -sine], axis=-1), np.stack([sine, cosine], axis=-1)
-        predicted = forward * velocity[:, :1] + left * velocity[:, 1:]
+        predicted = forward * velocity[0, :, None] + left * velocity[1, :, None]
         derivatives = np.zeros((*predicted.shape, len(parameters)))
-        derivatives[..., 0] = forward * v[:, np.newaxis]
-        for j, column in enumerate(columns, start=1):
-            derivatives[..., j] = left * column[:, np.newaxis]
-        derivatives[..., -1] = forward * place[:, 1:] - left * ahead[:, np.newaxis]
+        derivatives[..., 1] = forward * v[:, None]
+        derivatives[..., 2 : 2 + len(powers)] = left[..., None] * (powers * omega).T[:, None]
+        derivatives[..., -1] = forward * place[:, 1:] - left * ahead[:, None]
         turned = np.stack([predicted[:, 1], -predicted[:, 0]], axis=-1)
-        derivatives[np.arange(len(v)), :, 1 + len(self.powers) + sensor] = turned
+        derivatives[np.arange(len(v)), :, of_yaw] = turned
         return predicted, derivatives
 
-    def _odometry(self, lag: float) -> Array:
-        """v_x and omega (2, n) at the times of the scans, less the lag."""
-        found = np.full((2, len(self.velocities.time)), np.nan)
-        for s, reference in enumerate(self.references):
-            own = self.velocities.sensor == s
-            times = self.velocities.time[own] - lag
-            for row, column in zip(found, (0, 2), strict=True):
-                values = reference.theta[:, column]
-                row[own] = np.interp(times, reference.times, values, left=np.nan, right=np.nan)
-        return found
+    def gradients(self, predicted: Array) -> Array:
+        """Derivatives (n, 2) of each scan's log-likelihood in its velocity (n, 2)."""
+        data = self.velocities
+        return np.asarray(data.projection - np.einsum("kij,kj->ki", data.information, predicted))
 
 
 class Fit(NamedTuple):
     """The parameters that fit best, at a given lag or at the best one."""
 
-    lag: float  # s
     parameters: Array  # (P,), see `CalibrationModel`
     mean_square: float  # of the static targets' residuals over their standard deviations
     known: NDArray[np.bool_]  # (n,): scans that count and have a reference
 
+    @property
+    def lag(self) -> float:
+        """The first of the parameters, in s."""
+        return float(self.parameters[0])
+
 
 def fit_at(model: CalibrationModel, lag: float) -> Fit:
-    """The best parameters at one lag, by Gauss-Newton steps."""
-    parameters = model.start.copy()
+    """The best other parameters at one lag, by Gauss-Newton steps."""
+    parameters, free = model.start.copy(), model.free.copy()
+    parameters[0], free[0] = lag, False
     for _ in range(_MAX_ITERATIONS):
-        predicted, derivatives, _ = _where_known(model, lag, parameters)
-        gradients, information = _normal_equations(model, predicted, derivatives[..., model.free])
+        predicted, derivatives, _ = _where_known(model, parameters)
+        scores, information = _normal_equations(model, predicted, derivatives[..., free])
         scale = _scale(information)
-        step = np.linalg.lstsq(
-            information / np.outer(scale, scale), gradients.sum(axis=0) / scale, rcond=_RIDGE
-        )[0]
-        parameters[model.free] += step / scale
-        if np.abs(step / scale).max() < _TOLERANCE:
+        relative = information / np.outer(scale, scale)
+        step = np.linalg.lstsq(relative, scores.sum(axis=0) / scale, rcond=_RIDGE)[0] / scale
+        parameters[free] += step
+        if np.abs(step).max() < _TOLERANCE:
             break
-    predicted, _, known = _where_known(model, lag, parameters)
-    quadratic = np.einsum("ki,kij,kj->k", predicted, model.velocities.information, predicted)
-    linear = np.einsum("ki,ki->k", predicted, model.velocities.projection)
-    squares = (model.velocities.square - 2.0 * linear + quadratic)[known]
+    predicted, _, known = _where_known(model, parameters)
+    # square - 2 projection' u + u' information u
+    both = model.velocities.projection + model.gradients(predicted)
+    squares = (model.velocities.square - np.einsum("ki,ki->k", predicted, both))[known]
     count = model.velocities.targets[known].sum()
-    return Fit(lag, parameters, float(squares.sum() / count), known)
+    return Fit(parameters, float(squares.sum() / count), known)
 
 
 def fit(model: CalibrationModel, low: float, high: float) -> Fit:
-    """The best parameters at the best lag from ``low`` to ``high`` (s), the bounds included."""
-    if low == high:
-        return fit_at(model, low)
+    """The best parameters at the best lag from ``low`` to ``high`` (s), the bounds included.
+
+    A lag that is not free stays at its start.
+    """
+    if not model.free[0]:
+        return fit_at(model, float(model.start[0]))
     grid = np.linspace(low, high, max(2, round((high - low) / _STEP)) + 1)
     coarse = [fit_at(model, float(lag)) for lag in grid]
     best = int(np.argmin([found.mean_square for found in coarse]))
@@ -179,8 +184,7 @@ def fit(model: CalibrationModel, low: float, high: float) -> Fit:
         method="bounded",
         options={"xatol": 1e-5},
     )
-    finer = fit_at(model, float(refined.x))
-    return finer if finer.mean_square < coarse[best].mean_square else coarse[best]
+    return min(fit_at(model, float(refined.x)), coarse[best], key=lambda found: found.mean_square)
 
 
 def agreeing(model: CalibrationModel, found: Fit) -> NDArray[np.bool_]:
@@ -188,59 +192,52 @@ def agreeing(model: CalibrationModel, found: Fit) -> NDArray[np.bool_]:
 
     They are compared with the median of their sensor, because errors of the reference add to all.
     """
-    predicted, _ = model.predicted(found.lag, found.parameters)
-    information = model.velocities.information
-    residual = model.velocities.projection - np.einsum("kij,kj->ki", information, predicted)
-    inverse = np.linalg.pinv(information, rcond=1e-9, hermitian=True)
+    residual = model.gradients(model.predicted(found.parameters)[0])
+    inverse = np.linalg.pinv(model.velocities.information, rcond=1e-9, hermitian=True)
     deviation = np.sqrt(np.einsum("ki,kij,kj->k", residual, inverse, residual))
     agree = np.zeros(len(deviation), dtype=np.bool_)
     for s in range(model.velocities.sensors):
         own = (model.velocities.sensor == s) & np.isfinite(deviation)
-        if own.any():
-            agree[own] = deviation[own] <= _GATE * np.median(deviation[own])
+        agree[own] = deviation[own] <= _GATE * np.median(deviation[own]) if own.any() else False
     return agree
 
 
-def covariance(model: CalibrationModel, found: Fit, *, with_lag: bool) -> tuple[Array, float]:
-    """Covariance (1 + P, 1 + P) of the lag and the parameters; length of its blocks in s.
+def covariance(model: CalibrationModel, found: Fit) -> tuple[Array, float]:
+    """Covariance (P, P) of the parameters, and the length of its blocks in s.
 
     It is nan for parameters that are not free, and never less than for independent targets.
     `calibrate` says why the scans' influences depend on each other.
     """
-    predicted, derivatives, known = _where_known(model, found.lag, found.parameters)
-    derivatives = derivatives[..., model.free]
-    if with_lag:
-        later, earlier = (
-            model.predicted(found.lag + shift, found.parameters)[0]
-            for shift in (_HALF_DIFFERENCE, -_HALF_DIFFERENCE)
-        )
-        slope = np.nan_to_num((later - earlier) / (2.0 * _HALF_DIFFERENCE))
-        slope[~known] = 0.0
-        derivatives = np.concatenate([slope[..., None], derivatives], axis=-1)
-    gradients, information = _normal_equations(model, predicted, derivatives)
+    predicted, derivatives, known = _where_known(model, found.parameters)
+    shift = np.zeros(len(found.parameters))
+    shift[0] = _HALF_DIFFERENCE
+    later, earlier = (model.predicted(found.parameters + by)[0] for by in (shift, -shift))
+    slope = np.nan_to_num((later - earlier) / (2.0 * _HALF_DIFFERENCE))
+    derivatives[known, :, 0] = slope[known]
+    scores, information = _normal_equations(model, predicted, derivatives[..., model.free])
     scale = _scale(information)
     ridge = _RIDGE * np.eye(len(scale))
     inverse = np.linalg.inv(information / np.outer(scale, scale) + ridge) / np.outer(scale, scale)
-    series, interval = _in_time(model.velocities, known, gradients[known] @ inverse)
+    series, interval = _in_time(model.velocities, known, scores[known] @ inverse)
     of_each_sensor = len(scale) - (model.velocities.sensors - 1)
     sandwich, block = covariance_of_sum(series, parameters=of_each_sensor)
     least = found.mean_square * np.diag(inverse)
-    free = np.append(with_lag, model.free)
-    placed = np.full((len(free), len(free)), np.nan)
-    placed[np.ix_(free, free)] = sandwich + np.diag(np.maximum(least - np.diag(sandwich), 0.0))
+    placed = np.full((len(model.free), len(model.free)), np.nan)
+    added = np.diag(np.maximum(least - np.diag(sandwich), 0.0))
+    placed[np.ix_(model.free, model.free)] = sandwich + added
     return placed, block * interval
 
 
 def _where_known(
-    model: CalibrationModel, lag: float, parameters: Array
+    model: CalibrationModel, parameters: Array
 ) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Predictions and derivatives, zero for scans that do not count or have no reference."""
-    predicted, derivatives = model.predicted(lag, parameters)
+    predicted, derivatives = model.predicted(parameters)
     known = model.used & np.isfinite(predicted).all(axis=1)
     if not known.any():
         raise ValueError(
             "the references of recordings must cover the times of the scans, but cover none at a "
-            f"lag of {lag:+.3f} s; is max_lag longer than the drive?"
+            f"lag of {parameters[0]:+.3f} s; is max_lag longer than the drive?"
         )
     predicted[~known], derivatives[~known] = 0.0, 0.0
     return predicted, derivatives, known
@@ -249,12 +246,10 @@ def _where_known(
 def _normal_equations(
     model: CalibrationModel, predicted: Array, derivatives: Array
 ) -> tuple[Array, Array]:
-    """The gradient (n, P) of each scan's log-likelihood and the information (P, P) of all."""
-    data = model.velocities
-    residual = data.projection - np.einsum("kij,kj->ki", data.information, predicted)
-    gradients = np.einsum("kia,ki->ka", derivatives, residual)
-    weighted = np.einsum("kij,kja->kia", data.information, derivatives)
-    return gradients, np.tensordot(derivatives, weighted, axes=([0, 1], [0, 1]))
+    """The scores (n, P) of each scan, and the information (P, P) of all."""
+    scores = np.einsum("kia,ki->ka", derivatives, model.gradients(predicted))
+    weighted = np.einsum("kij,kja->kia", model.velocities.information, derivatives)
+    return scores, np.tensordot(derivatives, weighted, axes=([0, 1], [0, 1]))
 
 
 def _scale(information: Array) -> Array:

@@ -9,13 +9,15 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from d2d._checks import check_instance
-from d2d.radar.evaluation.faults import likelier_without, wrapped
+from d2d.radar.evaluation.faults import likelier_without
 from d2d.radar.evaluation.halves import compare_tracks
 from d2d.radar.evaluation.sensor_motion import (
+    SEEN,
     SensorMotion,
     distortion,
     latest,
     range_rates_agree,
+    wrapped,
 )
 from d2d.radar.scans.scan import Mounting, RadarScan
 from d2d.radar.tracks.rounds import Sensors, SensorScans, named_sensors
@@ -179,7 +181,11 @@ def _of_steps(driven: Track) -> Iterator[Finding]:
 
 def _of_motion(log: Mapping[str, SensorScans], driven: Track) -> list[Finding]:
     """Clocks that are apart, or else faults that a transformation undoes and turned mountings."""
-    motions = {name: SensorMotion.of(*sensor, driven) for name, sensor in log.items()}
+    motions = {
+        name: SensorMotion.of(*sensor, driven)
+        for name, sensor in log.items()
+        if any(scan.size >= SEEN for scan in sensor[0])
+    }
     clocks = list(_of_clocks(motions))
     if any(each.sure for each in clocks):
         return clocks
@@ -202,11 +208,11 @@ def _of_motion(log: Mapping[str, SensorScans], driven: Track) -> list[Finding]:
             Finding(fault.symptom, fault.sensor, nats, "nats", True, about.format(nats))
             for fault, nats in likelier
         ]
-    share = min(motion.share for motion in motions.values())
+    share = min((motion.share for motion in motions.values()), default=1.0)
     if scaled and share < _TRAFFIC and not driven.support.enough:
         about = f"ranges change as Doppler velocities say, but {share:.0%} agree on one motion"
         return [*clocks, Finding("most targets move", "", share, "share", True, about)]
-    distorted = list(_of_distortion(motions))
+    distorted = list(_of_distortion(log, driven))
     told = {each.sensor for each in distorted}
     turned = [
         each
@@ -261,10 +267,10 @@ def _of_clocks(motions: Mapping[str, SensorMotion]) -> Iterator[Finding]:
         yield Finding("the clock of a sensor is off", name, lag, "s", abs(lag) > _USELESS, about)
 
 
-def _of_distortion(motions: Mapping[str, SensorMotion]) -> Iterator[Finding]:
+def _of_distortion(log: Mapping[str, SensorScans], driven: Track) -> Iterator[Finding]:
     """Azimuths at which the Doppler velocities are not those of the motion at the others."""
-    for name, motion in motions.items():
-        found = distortion(motion)
+    for name, sensor in log.items():
+        found = distortion(sensor, driven)
         if found is None:
             continue
         low, high, worst = found

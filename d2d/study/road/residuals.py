@@ -59,7 +59,7 @@ def fit_correction(velocities: ScanVelocities, odometry: Reference) -> Correctio
     ``odometry`` must be uncorrected: read with ``time_offset=0``.
     """
     found = fit(_model(velocities, odometry), 0.0, MAX_OFFSET)
-    speed, slip, *yaw, _ = map(float, found.parameters)
+    _, speed, slip, *yaw, _ = map(float, found.parameters)
     return Correction(found.lag, slip, speed, tuple(yaw), float(np.sqrt(found.mean_square)))
 
 

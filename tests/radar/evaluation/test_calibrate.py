@@ -4,6 +4,7 @@ The drives are made up: static targets in random directions, seen by sensors who
 turned, on a vehicle whose axle slips, beside an odometry that is late or early, too slow or fast.
 """
 
+import re
 import warnings
 from dataclasses import replace
 
@@ -99,14 +100,6 @@ def drive(
     return found
 
 
-def values(found) -> np.ndarray:
-    """All parameters in the order of the covariance."""
-    law = found.slip
-    return np.array(
-        [found.lag, found.speed_factor, law.ahead, law.compliance, *found.yaw, found.bias]
-    )
-
-
 TRUE = np.array([0.0, FACTOR, LAW.ahead, LAW.compliance, *YAW, 0.0])
 
 
@@ -114,7 +107,7 @@ def test_what_was_put_in_is_found():
     """Breaks if a parameter has the wrong sign or size, or the odometry's v_y is used."""
     for lag in (-0.27, 0.0, 0.13):
         found = calibrate(drive(1, lag, jitter=0.02))
-        error = values(found) - [lag, *TRUE[1:]]
+        error = found.values - [lag, *TRUE[1:]]
         assert (np.abs(error) < 3.0 * found.sigmas).all()
         assert (found.sigmas < [0.005, 0.002, 0.1, 0.001, 0.003, 0.003, 0.005]).all()
         assert found.share > 0.99
@@ -148,9 +141,9 @@ def test_the_standard_deviations_are_those_of_the_errors():
         velocities = measured(np.random.default_rng(seed), 0.1, 40.0)
         model = CalibrationModel.of(velocities, [reference] * 2, (0, 2))
         found = fit(model, 0.06, 0.14)
-        spread, block = covariance(model, found, with_lag=True)
+        spread, block = covariance(model, found)
         truth = [0.1, FACTOR - 1.0, LAW.ahead, -LAW.compliance * FACTOR**2, *YAW, 0.0]
-        error = np.array([found.lag, *found.parameters]) - truth
+        error = found.parameters - truth
         ratios.append(error / np.sqrt(np.diag(spread)))
         assert block > 0.5
     size = np.sqrt(np.mean(np.square(ratios), axis=0))
@@ -209,7 +202,7 @@ def test_scans_that_follow_traffic_are_left_out(traffic):
     clean, found = calibrate(sensors), calibrate([replace(sensors[0], scans=scans), sensors[1]])
     left = sum(map(len, traffic)) / 600
     assert found.share == pytest.approx(clean.share - left, abs=0.004)
-    assert (np.abs(values(found) - values(clean)) < clean.sigmas).all()
+    assert (np.abs(found.values - clean.values) < clean.sigmas).all()
 
 
 def test_no_acceleration_tells_no_lag():
@@ -219,7 +212,7 @@ def test_no_acceleration_tells_no_lag():
     assert found.lag == 0.0
     assert np.isnan(found.sigmas[0])
     assert found.speed_factor == pytest.approx(FACTOR, abs=0.001)
-    assert "Held, not fitted: the lag." in str(found)
+    assert re.search(r"lag +\+0.00000 held", str(found))
 
 
 def test_one_speed_in_all_bends_does_not_tell_axle_from_tyres():
@@ -228,7 +221,7 @@ def test_one_speed_in_all_bends_does_not_tell_axle_from_tyres():
     assert found.slip.ahead == 0.0
     assert np.isnan(found.sigmas[2])
     assert found.slip.compliance == pytest.approx(0.005 - 0.4 / 100.0, abs=3e-4)
-    assert "Held, not fitted: the place of the axle." in str(found)
+    assert re.search("axle .* held", str(found))
     given = calibrate(drive(8, 0.1, steady), ahead=0.4)
     assert given.slip.ahead == 0.4
     assert given.slip.compliance == pytest.approx(0.005, abs=3e-4)
