@@ -42,8 +42,8 @@ def drive() -> dict[str, Array]:
     shared = replace(RADARSCENES_BUDGET, neighbours=0.0)  # errors of whole scans
     tracker = Tracker({"radar": RECORDING.mounting}, baseline=2, budget=shared)
     pairs = [pair for scan in RECORDING.scans for pair in tracker.add("radar", scan)]
-    systematic = [pair.filter_input.parts.systematic for pair in pairs if pair.filter_input]
-    budget = hessian + np.array(systematic)[:, :2, :2]
+    slow = np.array([pair.filter_input.slow for pair in pairs if pair.filter_input])
+    budget = hessian + (slow @ slow.swapaxes(1, 2))[:, :2, :2]
     return {
         "time": bare.times,
         **dict(zip(("x", "y", "yaw"), own.T, strict=True)),

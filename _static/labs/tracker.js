@@ -637,17 +637,49 @@ globalThis.tracker = (function radarTracker() {
     return total.map(([x, y], i) => [x, y, turned[i] - mounting.y * x + mounting.x * y]);
   }
 
+  const MARGINALISED = 0.2; // of the budget's standard deviations
+
+  /** Take shared errors into the weights of a scan's Doppler velocities; what is lost of Hessian and gradient. */
+  function marginaliseShared(cross, targets, theta, shares, budget) {
+    const rows = targets.map(({ doppler: { value, variance, inputVariance, gain, slope } }, k) => {
+      const turned = dot(slope, theta);
+      return {
+        ...{ gain, turned, residual: dot(gain, theta) - value },
+        common: [MARGINALISED * budget.doppler, MARGINALISED * budget.azimuth * turned],
+        weight: shares[k] / (variance + inputVariance * turned * turned),
+      };
+    });
+    const ofRows = (left, right) => product(transposed(rows.map(left)), rows.map(right)),
+      common = (row) => row.common,
+      weighted = (row) => row.common.map((each) => row.weight * each);
+    const gains = product(
+      inverse(sum(identity(2), ofRows(common, weighted))),
+      ofRows(weighted, (row) => row.gain),
+    );
+    const lost = product(rows.map(weighted), gains);
+    cross.value = sum(cross.value, lost);
+    cross.input = cross.input.map((row, k) => minus(row, lost[k].map((each) => rows[k].turned * each)));
+    return {
+      hessian: ofRows((row) => row.gain, (_, k) => lost[k]),
+      gradient: apply(transposed(lost), rows.map((row) => row.residual)),
+    };
+  }
+
   /**
-   * The estimate as input of the filter {velocity, white, delay, slow}, with the columns of the slow errors in the places of
+   * The estimate as input of the filter {step, white, delay, slow}, with the columns of the slow errors in the places of
    * their sensors, and its lead: see `apply_budget`, `FilterInput`.
    */
-  function applyBudget(problem, { theta, covariance }, pairs, { budget, sensors }, time, near) {
+  function applyBudget(problem, { theta, hessian, shares }, pairs, { budget, sensors }, time, near) {
     const [noise, delayed, led] = Array.from({ length: 3 }, () => filled(3, 3)),
       slow = Array.from({ length: 2 * sensors + 1 }, () => [0, 0, 0]),
       common = middleOf(pairs);
+    let [left, pulled, seen] = [hessian, [0, 0, 0], 0];
     pairs.forEach((pair, number) => {
       const { fixed, moving, interval } = problem.pairs[number],
-        cross = crossDerivatives(problem.pairs[number], theta);
+        cross = crossDerivatives(problem.pairs[number], theta),
+        lost = marginaliseShared(cross, moving, theta, shares.slice(seen, (seen += moving.length)), budget);
+      left = sum(left, scaled(lost.hessian, -1));
+      pulled = minus(pulled, lost.gradient);
       const turned = [
         [pair.previous, cross.fixed, fixed],
         [pair.current, cross.moving, moving],
@@ -677,8 +709,10 @@ globalThis.tracker = (function radarTracker() {
       ];
       for (const [n, sigma, gradient] of gradients) slow[n] = slow[n].map((each, i) => each + sigma * gradient[i]);
     });
-    const gain = scaled(covariance, -1);
+    const covariance = inverse(left),
+      gain = scaled(covariance, -1);
     return {
+      step: apply(gain, pulled),
       white: propagated(covariance, noise),
       slow: transposed(slow.map((column) => apply(gain, column))),
       delay: product(gain, delayed),
@@ -1005,8 +1039,9 @@ globalThis.tracker = (function radarTracker() {
         seen = { targets: sizeOf(pairs), inliers: estimate.inliers };
       let reason = doubt(estimate, pairs);
       if (reason) return this.rejected(round, reason, seen);
-      const { lead, ...input } = applyBudget(problem, estimate, pairs, this, time, near),
-        given = { ...input, velocity: minus(estimate.theta, apply(lead, acceleration)), lag: this.budget.lag },
+      const { step, lead, ...input } = applyBudget(problem, estimate, pairs, this, time, near),
+        moved = minus(apply(lead, acceleration), step),
+        given = { ...input, velocity: minus(estimate.theta, moved), lag: this.budget.lag },
         theta = minus(given.velocity, apply(given.delay, acceleration)),
         state = { time, theta, covariance: sum(given.white, product(given.slow, transposed(given.slow))) };
       reason = isFinite(state.covariance) ? exceeded(state, this.last) : "a covariance that is not finite";

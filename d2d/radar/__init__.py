@@ -15,7 +15,7 @@ from d2d.radar.readers.csv_log import load_csv, write_csv
 from d2d.radar.readers.nuscenes import load_nuscenes
 from d2d.radar.readers.odometry import load_reference
 from d2d.radar.readers.radarscenes import load_radarscenes
-from d2d.radar.scans.budget import CovarianceParts, ErrorBudget
+from d2d.radar.scans.budget import ErrorBudget
 from d2d.radar.scans.reference import Recording, Reference, SlipLaw
 from d2d.radar.scans.scan import Mounting, RadarScan, doppler_velocity, quantisation_sigma
 from d2d.radar.scans.undone import over_ground_undone, unfolded
@@ -34,7 +34,6 @@ __all__ = [
     "BudgetFit",
     "Calibration",
     "Comparison",
-    "CovarianceParts",
     "Displacement",
     "DopplerMotion",
     "Drive",

@@ -1,7 +1,6 @@
 """Errors that do not average out, which the targets' standard deviations do not contain."""
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -56,23 +55,3 @@ class ErrorBudget(Bounded):
     def constant(self) -> Array:
         """The covariance (3, 3) of the velocity's own errors, in m/s, m/s, rad/s."""
         return np.diag(np.square([self.v_x, self.v_y, self.omega]))
-
-
-class CovarianceParts(NamedTuple):
-    """The parts of a track's covariances, each (n, 3, 3) in m/s, m/s, rad/s.
-
-    ``noise`` is that of the targets' independent errors, and of the acceleration by which estimates
-    are carried to their times; ``dependence`` is what the correlation of neighbouring targets adds.
-    The ``systematic`` part is of shared errors, of those of the velocity itself, and of the prior
-    on the side slip.  It changes slowly: a filter must not take it as white noise; `FilterInput`
-    has it as columns for the filter's state.
-    """
-
-    noise: Array
-    dependence: Array
-    systematic: Array
-
-    @property
-    def total(self) -> Array:
-        """The sum of the parts."""
-        return self.noise + self.dependence + self.systematic

@@ -142,9 +142,9 @@ class OdometryEstimator:
             slow[:, [*numbers, *(self.sensors + n for n in numbers), -2, -1]] = found.slow
             if (constant := np.sqrt(self.budget.constant)).any():
                 slow = np.column_stack([slow, constant])
-            velocity = theta - found.lead @ acceleration
-            raw = FilterInput(velocity, found.parts, found.delay, slow, self.budget.lag)
-            theta, covariance = velocity - raw.delay @ acceleration, raw.parts.total
+            velocity = theta + found.step - found.lead @ acceleration
+            raw = FilterInput(velocity, found.white, found.delay, slow, self.budget.lag)
+            theta, covariance = velocity - raw.delay @ acceleration, raw.covariance
         state = State(time, theta, covariance)
         if not np.isfinite(covariance).all():
             return row._replace(reason="a covariance that is not finite")

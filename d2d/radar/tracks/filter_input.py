@@ -7,7 +7,6 @@ from numpy.typing import ArrayLike
 
 from d2d._checks import check_finite
 from d2d._types import Array
-from d2d.radar.scans.budget import CovarianceParts
 
 
 class FilterInput(NamedTuple):
@@ -32,13 +31,13 @@ class FilterInput(NamedTuple):
     ----------
     velocity : (3,) array
         [v_x, v_y, omega] in m/s, m/s, rad/s, over the interval that the scans cover.
-    parts : CovarianceParts
-        Of the covariance of ``velocity``, each (3, 3), without the lag.
+    white : (3, 3) array
+        Covariance of what is new in each estimate: R of the filter.  Errors of the targets alone,
+        and what the correlation of neighbouring targets adds.
     delay : (3, 3) array, s
         Times the acceleration: how far ``velocity`` is from that at the estimate's time.
     slow : (3, 2 S + 2) array
-        Changes of ``velocity`` by one standard deviation of each slow error but the lag.  Their
-        products with themselves add up to ``parts.systematic``.
+        Changes of ``velocity`` by one standard deviation of each slow error but the lag.
     lag : float, s
         The budget's standard deviation of the time to which an estimate belongs.
 
@@ -61,15 +60,15 @@ class FilterInput(NamedTuple):
     """
 
     velocity: Array
-    parts: CovarianceParts
+    white: Array
     delay: Array
     slow: Array
     lag: float
 
     @property
-    def white(self) -> Array:
-        """Covariance (3, 3) of what is new in each estimate: R of the filter."""
-        return self.parts.noise + self.parts.dependence
+    def covariance(self) -> Array:
+        """Covariance (3, 3) of ``velocity``, without the lag."""
+        return self.white + self.slow @ self.slow.T
 
     def expected(
         self, velocity: ArrayLike, acceleration: ArrayLike, slow: ArrayLike

@@ -146,7 +146,7 @@ def bias_against_targets() -> pd.DataFrame:
         plain = compare(track(drive, baseline=1, carry=False), drive.truth)
         tracker = Tracker({"front": _PLACES[0]}, baseline=1, budget=ErrorBudget(azimuth=BIAS))
         given = [each.filter_input for scan in drive.scans for each in tracker.add("front", scan)]
-        wide = [each.parts.total[1, 1] for each in given if each is not None]
+        wide = [each.covariance[1, 1] for each in given if each is not None]
         targets = np.mean([len(scan) for scan in drive.scans])
         sigmas = np.sqrt([np.mean(plain.covariances[:, 1, 1]), np.mean(wide)])
         rows.append((targets, plain.rmse[1], *sigmas))

@@ -347,6 +347,8 @@ def test_an_estimate_with_other_options_is_refused(options):
 
 # ---- the budget
 
+NOTHING = ErrorBudget()
+
 
 def applied(pairs, budget: ErrorBudget):
     """What a budget says of the velocity by two sensors."""
@@ -356,9 +358,14 @@ def applied(pairs, budget: ErrorBudget):
     )
 
 
-def moved_by(change, pairs) -> np.ndarray:
-    """Derivative (3,) of the joint estimate when ``change(pair, step)`` changes pairs of scans."""
-    return slope(lambda by: estimated([change(pair, by) for pair in pairs]).theta, 1e-5)
+def moved_by(change, pairs, budget=NOTHING) -> np.ndarray:
+    """Derivative (3,) of the joint velocity when ``change(pair, step)`` changes pairs of scans."""
+
+    def velocity(by):
+        changed = [change(pair, by) for pair in pairs]
+        return estimated(changed).theta + applied(changed, budget).step
+
+    return slope(velocity, 1e-5)
 
 
 def turned(pair, by):
@@ -383,12 +390,13 @@ def test_a_budget_is_how_shared_errors_move_the_estimate():
     Covariances and gains depend a little on the azimuths, which propagation holds.
     """
     pairs, each, all_of_them = two_pairs(), ((CORNER,), (REAR,)), ((CORNER, REAR),)
-    nothing = applied(pairs, ErrorBudget()).parts
-    assert_allclose(nothing.noise, propagated(estimated(pairs), pairs), rtol=1e-10)
-    assert_array_equal([nothing.dependence, nothing.systematic], 0.0)
+    nothing = applied(pairs, NOTHING)
+    assert_allclose(nothing.white, propagated(estimated(pairs), pairs), rtol=1e-10)
+    assert_array_equal(nothing.slow, 0.0)
     for change, groups, budget, sigma, rtol in (
         (turned, each, ErrorBudget(azimuth=0.01), 0.01, 0.05),
-        (shifted, each, ErrorBudget(doppler=0.03), 0.03, 1e-4),
+        (shifted, each, ErrorBudget(doppler=1e-6), 1e-6, 1e-4),
+        (shifted, each, ErrorBudget(doppler=0.03), 0.03, 0.01),  # also weights depend on residuals
         (scaled, all_of_them, ErrorBudget(scale=0.002), 0.002, 1e-4),
     ):
         expected = np.zeros((3, 3))
@@ -397,11 +405,26 @@ def test_a_budget_is_how_shared_errors_move_the_estimate():
             def of_sensors(pair, by, change=change, sensors=sensors):
                 return change(pair, by) if pair.mounting in sensors else pair
 
-            moved = moved_by(of_sensors, pairs)
+            moved = moved_by(of_sensors, pairs, budget)
             expected += sigma**2 * np.outer(moved, moved)
-        found = applied(pairs, budget).parts.systematic
+        slow = applied(pairs, budget).slow
+        found = slow @ slow.T
         assert_allclose(np.diag(found), np.diag(expected), rtol=rtol)
         assert_allclose(found, expected, rtol=rtol, atol=rtol * np.abs(expected).max())
+
+
+def test_an_error_of_the_budget_moves_the_yaw_rate_less():
+    """Breaks if Doppler velocities that share an error keep all their weight."""
+    pairs = two_pairs()
+    for change, budget in (
+        (turned, ErrorBudget(azimuth=0.01)),
+        (shifted, ErrorBudget(doppler=0.2)),
+    ):
+
+        def of_one(pair, by, change=change):
+            return change(pair, by) if pair.mounting == REAR else pair
+
+        assert abs(moved_by(of_one, pairs, budget)[2]) < 0.97 * abs(moved_by(of_one, pairs)[2])
 
 
 def test_neighbours_share_what_their_distance_says():
@@ -421,7 +444,8 @@ def test_neighbours_share_what_their_distance_says():
             alike = np.where(apart < 5.0 * length, np.exp(-apart / length), 0.0)
             np.fill_diagonal(alike, 0.0)
             expected += np.einsum("kl,kid,ljd->ij", alike, rooted, rooted)
-        found.append(applied(pairs, ErrorBudget(neighbours=length)).parts.dependence)
+        alone, shared = (applied(pairs, ErrorBudget(neighbours=n)).white for n in (0.0, length))
+        found.append(shared - alone)
         assert_allclose(found[-1], expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
     assert found[0][1, 1] > 0.0 > found[1][1, 1]
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from d2d.radar import CovarianceParts, FilterInput, track
+from d2d.radar import FilterInput, track
 from d2d.radar.simulation.drive import CAR_SPEED, ROAD_SPEED, ROBOT_SPEED
 from d2d.radar.simulation.world import lap_motion
 from d2d.radar.tracks import filter as filtering
@@ -16,12 +16,11 @@ DELAY = np.array([[-0.01, 0.0, 0.01], [0.0, -0.02, 0.3], [0.0, 0.0, -0.15]])
 NOISE = np.diag(np.square([0.02, 0.05, 0.006]))
 SLOW = np.array([[0.01, 0.02, 0.0], [0.04, 0.0, 0.05], [0.004, 0.0, 0.001]])
 LAG, STAYS = 0.02, 15.0  # s, the latter as long as errors on the road do
-NONE = np.zeros((3, 3))
 
 
 def given(velocity, slow=SLOW, lag=LAG, noise=NOISE):
     """An estimate as the filter gets it."""
-    return FilterInput(velocity, CovarianceParts(noise, NONE, slow @ slow.T), DELAY, slow, lag)
+    return FilterInput(velocity, noise, DELAY, slow, lag)
 
 
 def filtered(times, inputs):
