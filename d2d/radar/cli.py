@@ -34,7 +34,7 @@ from d2d.radar.readers.csv_log import load_csv, write_csv
 from d2d.radar.readers.odometry import load_gyro, load_reference
 from d2d.radar.readers.reader import Options, Source, mountings_of, option_table, options_of
 from d2d.radar.readers.shared import brief
-from d2d.radar.report import report_page
+from d2d.radar.report import png_of, report_page
 from d2d.radar.scans.budget import ErrorBudget
 from d2d.radar.scans.reference import Reference
 from d2d.radar.scans.scan import SIGMAS, Mounting, RadarScan
@@ -115,7 +115,7 @@ BUDGET = option_table("""
 --budget-lag S         of the scans' time stamps (a common delay)
 --budget-neighbours M  length over which the position errors of neighbouring targets are correlated
 """)
-NO_BUDGET = option_table("--no-budget  state none of these errors; not together with those above")
+NO_BUDGET = option_table("--no-budget  state none of these errors but those that are given")
 REFERENCE = option_table("""
 --odometry FILE  a TUM trajectory (t x y z qx qy qz qw), or a CSV file with the columns time (s),
                  speed (m/s) and yaw_rate (rad/s) or yaw_rate_deg (deg/s), or a bag with Odometry or
@@ -191,18 +191,14 @@ def _complain(text: str) -> None:
 
 
 def _drop_unwritten(stream: TextIO | None) -> None:
-    """Drop what a stream cannot write, which Python would try again at exit, with status 120."""
+    """Close the file of a stream that cannot be written to, else Python tries again at exit."""
     if stream is None or stream.closed:
         return
     try:
         stream.flush()
     except OSError:
-        kept, nowhere = os.dup(stream.fileno()), os.open(os.devnull, os.O_WRONLY)
-        os.dup2(nowhere, stream.fileno())
-        stream.flush()
-        os.dup2(kept, stream.fileno())
-        os.close(kept)
-        os.close(nowhere)
+        with open(os.devnull, "wb") as nowhere:
+            os.dup2(nowhere.fileno(), stream.fileno())
 
 
 def _plain(text: object) -> str:
@@ -288,10 +284,6 @@ def _check_options(arguments: argparse.Namespace) -> None:
         for name in chosen.needed:
             if options[name] is None:
                 error(f"{_flag(chosen.name)} needs {_flag(name)}; see {PROGRAM} track --help")
-    if options.get("no_budget"):
-        for name in BUDGET:
-            if options[name] is not None:
-                error(f"--no-budget contradicts {_flag(name)}: leave one of them out")
 
 
 def _source(arguments: argparse.Namespace) -> Source:
@@ -319,7 +311,7 @@ def _options(arguments: argparse.Namespace, budget: ErrorBudget) -> dict[str, An
     return {
         "baseline": arguments.baseline,
         "horizon": arguments.horizon,
-        "budget": ErrorBudget() if arguments.no_budget else replace(budget, **known),
+        "budget": replace(ErrorBudget() if arguments.no_budget else budget, **known),
         "side_slip": True if slip is None else slip or False,
         "limits": _limits(vars(arguments)),
         "gyro": _gyro(vars(arguments)),
@@ -468,8 +460,16 @@ def _prefix(output: str) -> Path:
 
 def _write(driven: Track, prefix: Path, *, picture: bool) -> list[Path]:
     """Write all files elsewhere, and put them in their places only when all are complete."""
+
+    def draw(path: Path) -> None:
+        if picture:
+            try:
+                path.write_bytes(png_of(driven.plot()))
+            except ModuleNotFoundError as error:
+                _complain(f"no picture: {error} (pip install matplotlib)")
+
     writers: dict[str, Callable[[Path], None]] = {
-        ".png": lambda path: _draw(driven, path) if picture else None,
+        ".png": draw,
         ".tum": driven.write_tum,
         "_velocities.csv": driven.write_velocities,
         ".npz": driven.save,  # the whole track comes last
@@ -484,18 +484,6 @@ def _write(driven: Track, prefix: Path, *, picture: bool) -> list[Path]:
             contents[path] = part.read_bytes() if part.exists() else None
     write_together(contents)
     return [path for path, content in contents.items() if content is not None]
-
-
-def _draw(driven: Track, path: Path) -> None:
-    try:
-        figure = driven.plot()
-    except ModuleNotFoundError as error:
-        _complain(f"no picture: {error} (pip install matplotlib)")
-        return
-    from matplotlib import pyplot as plt
-
-    figure.savefig(path, dpi=150)
-    plt.close(figure)
 
 
 def _write_example(arguments: argparse.Namespace) -> None:
@@ -591,20 +579,9 @@ examples:
   a bag with mountings in /tf_static, and the result as messages:
     {PROGRAM} track --bag drive.mcap --topic /front/points /rear/points --output-bag result
 
-What is printed at the end says how many estimates were accepted, and why the others were not:
-
-  a scan without targets          nothing to estimate; the path continues with the last velocity
-  no optimum near the start       too few targets are seen in both scans: more sensors
-  an optimum that rejects ...     scans do not fit each other: too small standard deviations, a
-                                  wrong mounting, azimuths of the wrong sign
-  an optimum that rests on ...    too few targets agree: --side-slip, more sensors
-  a yaw rate with a sigma of ...  the targets tell too little: more sensors, --side-slip
-  a velocity with a sigma of ...  few targets agree, or they move: more sensors
-  the first scan after a gap      nothing near enough to register it with
-  a turn of ... between scans     times in another unit than s, or a much too long --horizon
-  a side slip of ...              --vehicle omni if it does move sideways; else as the next
-  an acceleration, a speed, ...   no vehicle moves like that: a wrong optimum, or a wrong mounting
+What is printed at the end says how many estimates were accepted, and why the others were not.
 
 The book's pages "Your own radar" and "When a path looks wrong" explain how to choose standard
-deviations and a budget, how to test a covariance, and what mistakes with a log look like.
+deviations and a budget, how to test a covariance, what the reasons of estimates that were not
+accepted mean, and what mistakes with a log look like.
 """

@@ -67,12 +67,17 @@ def _drawn(sensors: Mapping[str, SensorScans], driven: Track) -> Figure:
     return figure
 
 
-def _image(figure: Figure, text: str) -> str:
-    """A figure as an image within the page."""
+def png_of(figure: Figure) -> bytes:
+    """The content of a PNG file of a figure, which is closed."""
     from matplotlib import pyplot as plt
 
     file = io.BytesIO()
-    figure.savefig(file, format="png", dpi=130)
+    figure.savefig(file, format="png", dpi=150)
     plt.close(figure)
-    data = base64.b64encode(file.getvalue()).decode()
+    return file.getvalue()
+
+
+def _image(figure: Figure, text: str) -> str:
+    """A figure as an image within the page."""
+    data = base64.b64encode(png_of(figure)).decode()
     return f'<img alt="{escape(text)}" src="data:image/png;base64,{data}">'

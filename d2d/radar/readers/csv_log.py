@@ -124,8 +124,7 @@ def load_csv(
         del table.columns[name]
     values = table.numbers(invalid=skip_invalid)
     used = valid(values) if skip_invalid else np.ones(len(table.lines), dtype=np.bool_)
-    left_out = int((~used).sum()) + table.torn
-    warn_of_left_out(source, left_out, len(used) + table.torn, "lines")
+    warn_of_left_out(source, int((~used).sum()), len(used), "lines")
     try:
         table.check(values, used)
     except ValueError as error:
@@ -155,13 +154,13 @@ def _by_sensor(table: Table, rows: Rows) -> dict[str, Rows]:
     """The rows of each sensor, by its name."""
     if "sensor" not in table.words:
         return {"radar": rows}
-    found: dict[str, list[int]] = {}
-    for row in rows.tolist():
-        name = table.words["sensor"][row].strip()
-        if not name:
-            raise ValueError(f"{table.where(row)}: sensor must be a name or a number, but is empty")
-        found.setdefault(name, []).append(row)
-    return {name: np.array(own) for name, own in found.items()}
+    names = np.char.strip(np.array(table.words["sensor"])[rows])
+    empty = rows[names == ""]
+    if len(empty):
+        raise ValueError(
+            f"{table.where(empty[0])}: sensor must be a name or a number, but is empty"
+        )
+    return {name: rows[names == name] for name in dict.fromkeys(names.tolist())}
 
 
 def _scans(table: Table, values: Mapping[str, Array], rows: Rows, gap: float) -> list[RadarScan]:

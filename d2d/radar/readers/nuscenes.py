@@ -4,16 +4,16 @@ The data set is licensed CC BY-NC-SA 4.0 and is not part of this package.
 """
 
 import os
-from collections.abc import Callable
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from d2d._checks import SECONDS, check_instance, check_path, check_positive_scalar
+from d2d._checks import SECONDS, check_path, check_positive_scalar
 from d2d._types import Array
 from d2d.radar.readers import shared
 from d2d.radar.readers.pcd import read_pcd
@@ -75,17 +75,13 @@ def load_nuscenes(
     scene: str,
     channel: str,
     *,
-    version: str | None = None,
+    version: str = "v1.0-*",
     strongest: int | None = None,
     time_offset: float = -0.03,
     speed_factor: float | None = 1.0125,
     prediction_time: float = 0.037,
     stated_mounting: bool = False,
-    half_width: float = 0.2,
-    sigma_range: float = 0.15,
-    sigma_azimuth: float | Callable[[Array], ArrayLike] = azimuth_sigma,
-    sigma_doppler: float = 0.06,
-    extent: float = 0.1,
+    **errors: Any,
 ) -> Recording:
     """Read one radar's scans of one scene, such as "scene-0061" and "RADAR_FRONT".
 
@@ -104,7 +100,7 @@ def load_nuscenes(
     ----------
     root : path
         The folder of ``v1.0-*/`` with the tables, ``samples/``, ``sweeps/``, perhaps ``can_bus/``.
-    version : str, optional
+    version : str
         Name of the folder with the tables, needed only if there are several.
     time_offset : float, s
         Delay of the radar's time stamps: a scan at t shows the motion of the poses at t -
@@ -119,17 +115,12 @@ def load_nuscenes(
         excess is removed with the yaw rate of the reference.
     stated_mounting : bool
         Whether the mounting angle is the one that the tables state, without `MOUNTING_ERRORS`.
-    half_width : float, s
-        Poses within this time are smoothed and differentiated; see `Reference.from_poses`.
-    sigma_range, sigma_azimuth, sigma_doppler : float, m, rad, m/s
-        Standard deviations, to which the rounding of positions to 0.2 m and of velocities to 0.25
-        m/s is added (the data sheet's codes in the files are several times the residuals).  That of
-        the azimuth may be a function of the azimuths (K,).
-    strongest, extent
-        As for `load_radarscenes`.
+    strongest, **errors
+        As for `load_radarscenes`.  The rounding of positions to 0.2 m and of velocities to 0.25 m/s
+        is added (the data sheet's codes in the files are several times the residuals).
     """
-    sigmas = sigma_range, sigma_azimuth, sigma_doppler
-    own = shared.TargetOptions(strongest, time_offset, *sigmas, extent)
+    shared.OFFSET.number("time_offset", time_offset)
+    errors = {"sigma_azimuth": azimuth_sigma} | errors
     _PREDICTION.number("prediction_time", prediction_time)
     if speed_factor is not None:
         check_positive_scalar("speed_factor", speed_factor)
@@ -138,19 +129,23 @@ def load_nuscenes(
     files, mounting, tokens = _drive(tables, scene, channel)
     motion = _motion(folder, tables, scene, tokens)
     times = np.array([time for time, _ in files])
-    reference = _reference(motion, times, time_offset, half_width, speed_factor)
+    reference = _reference(motion, times, time_offset, speed_factor)
 
     excesses = prediction_time * _filled(reference.theta[:, 2]) ** 2
     scans = []
     for (time, file), excess in zip(files, excesses, strict=True):
         path = existing(folder, file, f"a scan of {channel}")
-        scans.append(_scan(time, read_pcd(path, _FIELDS), excess, own))
+        scans.append(_scan(time, read_pcd(path, _FIELDS), excess, strongest, errors))
     mounting = mounting if stated_mounting else _corrected(mounting, channel)
     return Recording(scans, mounting, reference, NUSCENES_BUDGET)
 
 
 def _scan(
-    time: float, targets: dict[str, NDArray[Any]], excess: float, own: shared.TargetOptions
+    time: float,
+    targets: dict[str, NDArray[Any]],
+    excess: float,
+    strongest: int | None,
+    errors: Mapping[str, Any],
 ) -> RadarScan:
     """The scan of valid targets, whose velocities are too large by ``excess`` times the range.
 
@@ -160,11 +155,11 @@ def _scan(
     good = np.isin(columns["invalid_state"], _VALID) & (columns["ambig_state"] == _UNAMBIGUOUS)
     good &= BOUNDS["range"].hold(np.hypot(columns["x"], columns["y"]))
     good &= np.isfinite([columns[name] for name in ("vx", "vy", "rcs")]).all(axis=0)
-    keep = own.kept(good, columns["rcs"])
+    keep = shared.strongest_of(good, columns["rcs"], strongest)
     x, y, vx, vy = (columns[name][keep] for name in ("x", "y", "vx", "vy"))
     velocity = np.stack([vx - excess * x, vy - excess * y], axis=-1)
-    errors = own.errors(np.arctan2(y, x))
-    return RadarScan.from_cartesian(time, x, y, velocity=velocity, grid=GRID, step=STEP, **errors)
+    sigmas = shared.errors_at(np.arctan2(y, x), errors)
+    return RadarScan.from_cartesian(time, x, y, velocity=velocity, grid=GRID, step=STEP, **sigmas)
 
 
 # ---- The vehicle's motion
@@ -198,12 +193,10 @@ def _motion(root: Path, tables: Path, scene: str, tokens: set[str]) -> Array:
         return np.column_stack([columns[:, :3], yaw_of(*columns[:, 3:7].T), columns[:, 7]])
 
 
-def _reference(
-    motion: Array, times: Array, offset: float, half_width: float, speed_factor: float | None
-) -> Reference:
+def _reference(motion: Array, times: Array, offset: float, speed_factor: float | None) -> Reference:
     """The derivatives of the poses at the times less the offset, and v_x of the speed."""
     stamps, speeds = motion[:, 0], motion[:, 4]
-    moved = Reference.from_poses(stamps, motion[:, 1:4], times - offset, half_width=half_width)
+    moved = Reference.from_poses(stamps, motion[:, 1:4], times - offset)
     theta = moved.theta
     if speed_factor is not None and np.isfinite(speeds).all():
         late = times - offset + _SPEED_DELAY
@@ -225,18 +218,16 @@ def _filled(values: Array) -> Array:
 # ---- The tables
 
 
-def _tables(root: Path, version: str | None) -> Path:
-    if version is not None:
-        check_instance("version", version, str)
-        return existing(root, version, "the folder of the tables of that version")
-    found = sorted(path.name for path in root.glob("v1.0-*") if path.is_dir())
+def _tables(root: Path, version: str) -> Path:
+    found = sorted(path for path in root.glob(version) if path.is_dir())
     if not found:
         raise FileNotFoundError(
-            f"{root / 'v1.0-*'} does not exist; it should be the folder of the tables of nuScenes"
+            f"{root / version} does not exist; it should be the folder of the tables of nuScenes"
         )
     if len(found) > 1:
-        raise ValueError(f"version must be given, because there are several: {', '.join(found)}")
-    return root / found[0]
+        names = ", ".join(path.name for path in found)
+        raise ValueError(f"version must be given, because there are several: {names}")
+    return found[0]
 
 
 def _rows(folder: Path, name: str, *keys: str) -> list[tuple[Any, ...]]:

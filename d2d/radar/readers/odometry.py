@@ -49,32 +49,24 @@ def load_reference(path: str | os.PathLike[str], topic: str | None = None) -> Re
 def load_gyro(path: str | os.PathLike[str], topic: str | None = None) -> tuple[Array, Array]:
     """Times (n,) in s and yaw rates (n,) in rad/s of a gyro, for `Gyro`.
 
-    They are columns of a CSV file, as of `load_reference`, or the messages sensor_msgs/Imu of a
+    They are those of a file that `load_reference` reads, or of the messages sensor_msgs/Imu of a
     bag.  Raises a ``ValueError`` that names file and line if it is neither.
     """
     source = check_path("path", path)
-    if is_bag(source):
-        found = load_bag_reference(source, topic, GYROS)
-        return found.times, found.theta[:, 2]
-    time, omega = _columns(source, "yaw_rate").values()
-    return time, omega
-
-
-def _columns(source: Path, *names: str) -> dict[str, Array]:
-    """The times of a table and those of some columns that it has, at least one, within bounds."""
-
-    def lacking(there: Collection[str]) -> str:
-        enough = "time" in there and len(there) > 1
-        return "" if enough else f"time, {' or '.join(names)}"
-
-    table = read_table(source, ("time", *names), lacking)
-    found = table.numbers()
-    table.check(found)
-    return found
+    bag = is_bag(source)
+    found = load_bag_reference(source, topic, GYROS) if bag else load_reference(source)
+    return found.times, found.theta[:, 2]
 
 
 def _odometry(source: Path) -> Reference:
-    found = _columns(source, "speed", "yaw_rate")
+    """The times of a table, with the speeds or yaw rates that it has."""
+
+    def lacking(there: Collection[str]) -> str:
+        return "" if "time" in there and len(there) > 1 else "time, speed or yaw_rate"
+
+    table = read_table(source, ("time", "speed", "yaw_rate"), lacking)
+    found = table.numbers()
+    table.check(found)
     unknown = np.full_like(found["time"], np.nan)
     speed, omega = (found.get(name, unknown) for name in ("speed", "yaw_rate"))
     theta = np.column_stack([speed, 0.0 * speed, omega])

@@ -5,12 +5,12 @@ The data set is licensed CC BY-NC-SA 4.0 and is not part of this package.
 
 import json
 import os
-from collections.abc import Callable
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from d2d._checks import check_count, check_path
 from d2d._types import Array
@@ -60,10 +60,7 @@ def load_radarscenes(
     time_offset: float = 0.11,
     slip: SlipLaw = SLIP,
     side_slip: float | None = None,
-    sigma_range: float = 0.15,
-    sigma_azimuth: float | Callable[[Array], ArrayLike] = azimuth_sigma,
-    sigma_doppler: float = 0.06,
-    extent: float = 0.1,
+    **errors: Any,
 ) -> Recording:
     """Read one sensor's scans of one sequence.
 
@@ -90,13 +87,12 @@ def load_radarscenes(
         on the rear axle: 0.0045 +- 0.0002 s^2/m.
     side_slip : float, s, optional
         In place of ``slip``: v_y = side_slip v_x omega.
-    sigma_range, sigma_azimuth, sigma_doppler : float, m, rad, m/s
-        That of the azimuth may be a function of the azimuths (K,).
-    extent : float, m
-        Scatter of the points at which objects are seen; see `RadarScan`.
+    **errors
+        ``sigma_range``, ``sigma_azimuth``, ``sigma_doppler`` and ``extent`` of `RadarScan`, numbers
+        or functions of the azimuths (K,), instead of 0.15 m, `azimuth_sigma`, 0.06 m/s and 0.1 m.
     """
-    sigmas = sigma_range, sigma_azimuth, sigma_doppler
-    own = shared.TargetOptions(strongest, time_offset, *sigmas, extent)
+    shared.OFFSET.number("time_offset", time_offset)
+    errors = {"sigma_azimuth": azimuth_sigma} | errors
     check_count("sensor", sensor)
     what = "the folder `data` of the RadarScenes data set"
     data = existing(check_path("root", root), "data", what)
@@ -107,7 +103,7 @@ def load_radarscenes(
     path = existing(folder, "radar_data.h5", "its targets and odometry")
     targets, odometry = _tables(path)
 
-    scans = [_scan(path, entry, targets, sensor, own) for entry in listed]
+    scans = [_scan(path, entry, targets, sensor, strongest, errors) for entry in listed]
     reference = _reference(np.array([scan.time for scan in scans]), odometry, time_offset)
     v_x, omega = reference.theta[:, 0], reference.theta[:, 2]
     reference.theta[:, 1] = (
@@ -187,7 +183,12 @@ def _table(file: Any, name: str, fields: tuple[str, ...]) -> Table:
 
 
 def _scan(
-    path: Path, listed: tuple[int, int, int], targets: Table, sensor: int, own: shared.TargetOptions
+    path: Path,
+    listed: tuple[int, int, int],
+    targets: Table,
+    sensor: int,
+    strongest: int | None,
+    errors: Mapping[str, Any],
 ) -> RadarScan:
     stamp, first, last = listed
     where, count = f"{path}: the scan at {stamp} us", len(targets["sensor_id"])
@@ -199,10 +200,10 @@ def _scan(
     with np.errstate(invalid="ignore"):  # a signalling nan is left out like any other
         columns = [rows[name].astype(np.float64) for name in ("range_sc", "azimuth_sc", "vr")]
     good = np.all([BOUNDS[name].hold(c) for name, c in zip(MEASURED, columns, strict=True)], axis=0)
-    keep = own.kept(good, rows["rcs"])
+    keep = shared.strongest_of(good, rows["rcs"], strongest)
     distance, azimuth, doppler = (column[keep] for column in columns)
-    errors = own.errors(azimuth)
-    return RadarScan(stamp * MICROSECOND, distance, azimuth, doppler, **errors)
+    sigmas = shared.errors_at(azimuth, errors)
+    return RadarScan(stamp * MICROSECOND, distance, azimuth, doppler, **sigmas)
 
 
 def _reference(times: Array, odometry: Table, offset: float) -> Reference:

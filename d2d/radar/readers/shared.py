@@ -4,52 +4,37 @@ import json
 import os
 import stat
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from d2d._checks import SECONDS, check_count, check_finite
 from d2d._types import Array
 
 MICROSECOND = 1e-6  # s
-_OFFSET = SECONDS._replace(most=10.0)  # s, of a radar's clock
+OFFSET = SECONDS._replace(most=10.0)  # s, of a radar's clock
 _LARGEST = 2**53  # that float64 holds exactly: 285 years in microseconds
 
 
-@dataclass(frozen=True)
-class TargetOptions:
-    """Options of the loaders of data sets that do not give standard deviations."""
+def strongest_of(
+    good: NDArray[np.bool_], cross_section: NDArray[Any], strongest: int | None
+) -> NDArray[np.intp]:
+    """Indices of the good targets in their order, at most so many, the strongest."""
+    keep = np.flatnonzero(good)
+    if strongest is None:
+        return keep
+    order = np.argsort(-cross_section[keep], kind="stable")
+    return np.asarray(keep[np.sort(order[: check_count("strongest", strongest)])])
 
-    strongest: int | None
-    time_offset: float
-    sigma_range: float
-    sigma_azimuth: float | Callable[[Array], ArrayLike]
-    sigma_doppler: float
-    extent: float
 
-    def __post_init__(self) -> None:
-        if self.strongest is not None:
-            check_count("strongest", self.strongest)
-        _OFFSET.number("time_offset", self.time_offset)
-
-    def kept(self, good: NDArray[np.bool_], cross_section: NDArray[Any]) -> NDArray[np.intp]:
-        """Indices of the good targets, of the strongest only if there are more, in their order."""
-        keep = np.flatnonzero(good)
-        if self.strongest is None or len(keep) <= self.strongest:
-            return keep
-        order = np.argsort(-cross_section[keep], kind="stable")
-        return np.asarray(keep[np.sort(order[: self.strongest])])
-
-    def errors(self, azimuth: Array) -> dict[str, Any]:
-        """Arguments of a scan whose targets are at these azimuths (K,)."""
-        sigma = self.sigma_azimuth
-        given = {name: getattr(self, name) for name in ("sigma_range", "sigma_doppler", "extent")}
-        return given | {"sigma_azimuth": sigma(azimuth) if callable(sigma) else sigma}
+def errors_at(azimuth: Array, errors: Mapping[str, Any]) -> dict[str, Any]:
+    """Arguments of a `RadarScan`: usual errors, or others, also functions of the azimuth (K,)."""
+    given = {"sigma_range": 0.15, "sigma_doppler": 0.06, "extent": 0.1, **errors}
+    return {name: error(azimuth) if callable(error) else error for name, error in given.items()}
 
 
 def yaw_of(w: Array, x: Array, y: Array, z: Array) -> Array:

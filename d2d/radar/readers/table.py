@@ -75,7 +75,6 @@ class Table(NamedTuple):
     columns: dict[str, Column]  # by the quantities that are recognised
     words: Mapping[str, Sequence[str]]  # likewise
     lines: NDArray[np.int64]
-    torn: int  # lines with another number of words, which are left out
 
     def where(self, row: int) -> str:
         """The file and the line of a row, for messages."""
@@ -90,7 +89,7 @@ class Table(NamedTuple):
 
     def _numbers(self, name: str, invalid: bool) -> Array:
         words, factor = self.words[name], self.columns[name].factor
-        dates = name == "time" and len(words) > 0 and is_date(words[0])
+        dates = name == "time" and ":" in next(filter(None, words), "")
         convert = seconds_of if dates else float_of
         values = np.empty(len(words))
         for row, word in enumerate(words):
@@ -157,7 +156,7 @@ def read_table(
     Lines that are empty or begin with # are skipped.  Names and units of columns may be ``named``
     and ``stated``, by quantity; ``lacking`` says what is missing beside those that are there.
     Raises a ValueError if something is, and one with its number if a line has another number of
-    words, unless ``torn`` lines are left out.
+    words, unless ``torn`` lines are to be lines without a word.
     """
     wanted = [(name, named.get(name, ""), stated.get(name, "")) for name in quantities]
     file = io.StringIO(decoded(source), newline="")
@@ -179,32 +178,31 @@ def read_table(
                 if unit != (said := stated.get(quantity, unit)):
                     raise ValueError(f"{where}: {name} is in {unit}, but is said to be in {said}")
             reader = csv.reader(file, delimiter=separator, strict=True)
-            rows, lines, left_out = _rows(source, count, reader, len(names), torn)
+            rows, lines = _rows(source, count, reader, len(names), torn)
             each = [*zip(*rows, strict=True)] if rows else [()] * len(names)
             words = {name: each[names.index(column.name)] for name, column in columns.items()}
-            return Table(source, columns, words, np.array(lines, dtype=np.int64), left_out)
+            return Table(source, columns, words, np.array(lines, dtype=np.int64))
     raise ValueError(f"{source} is empty: its first line must name the columns")
 
 
 def _rows(
     source: Path, first: int, reader: Any, width: int, torn: bool
-) -> tuple[list[list[str]], list[int], int]:
-    """The rows below the first line, the numbers of their lines, and how many are torn."""
-    rows, lines, left_out = [], [], 0
+) -> tuple[list[list[str]], list[int]]:
+    """The rows below the first line, and the numbers of their lines; torn ones have no words."""
+    rows, lines = [], []
     try:
         for row in reader:
-            if len(row) == width and (row[0] or any(row)) and row[0][:1] != "#":
-                lines.append(first + reader.line_num)
-                rows.append(row)
-            elif any(word.strip() for word in row) and not row[0].startswith("#"):
-                left_out += 1
-                if not torn:
-                    raise ValueError(
-                        f"there must be {width} values as in the first line, but are {len(row)}"
-                    )
+            if not any(row) or row[0][:1] == "#":
+                continue
+            if len(row) != width and not torn:
+                raise ValueError(
+                    f"there must be {width} values as in the first line, but are {len(row)}"
+                )
+            lines.append(first + reader.line_num)
+            rows.append(row if len(row) == width else [""] * width)
     except (csv.Error, ValueError) as error:
         raise ValueError(f"{source}, line {first + reader.line_num}: {error}") from None
-    return rows, lines, left_out
+    return rows, lines
 
 
 def decoded(path: Path) -> str:
@@ -238,14 +236,6 @@ def float_of(word: str) -> float:
     if "_" in word or not word.isascii():  # a typing error, but a number to Python
         raise ValueError
     return float(word.replace(",", ".") if "," in word else word)
-
-
-def is_date(word: str) -> bool:
-    """Whether a word is a date and time instead of a number."""
-    try:
-        return word.count("-") == 2 and math.isfinite(seconds_of(word))
-    except ValueError:
-        return False
 
 
 def seconds_of(word: str) -> float:

@@ -248,9 +248,7 @@ BAD = (
 )
 ONLY_NUSCENES = (
     ("speed_factor", 0.0),
-    ("half_width", -0.2),
     ("prediction_time", 37.0),
-    ("version", 3),
 )
 
 

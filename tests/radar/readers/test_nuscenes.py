@@ -297,7 +297,7 @@ def test_without_a_can_bus_the_ego_poses_are_differentiated(root):
     """Breaks if poses of the other scene, of one sensor only, or twice at one time are taken, or
     a recording without a reference comes out."""
     (root / "can_bus/scene-0001_pose.json").unlink()
-    reference = load(root, time_offset=0.0, half_width=0.15).reference
+    reference = load(root, time_offset=0.0).reference
     known = np.isfinite(reference.theta[:, 0])
     assert known.sum() >= 4
     assert_allclose(reference.theta[known], np.tile(THETA, (known.sum(), 1)), rtol=0, atol=5e-3)
