@@ -27,6 +27,7 @@ _LIMITS = {_LAG: 0.1, _BIAS: np.deg2rad(0.3), _AHEAD: 0.3, _COMPLIANCE: 0.01}  #
 _DEGREES = np.rad2deg(1.0)
 _SEARCHED = SECONDS._replace(least=1e-6, most=1e4)
 _AT_BOUND = 1e-3  # s
+_SLOW = 1.0  # s: a filter averages what is faster
 _SURE = 3.0  # standard deviations beyond a limit
 _MAX_SELECTIONS = 10  # of scans that are not grossly off
 _MIN_SPEED = 0.5  # m/s
@@ -82,6 +83,17 @@ class Calibration:
         """Standard deviations (5 + S,), in the order of ``covariance``; nan where not fitted."""
         return np.sqrt(np.diag(self.covariance))
 
+    @property
+    def azimuth(self) -> Array:
+        """Standard deviations (S,) in rad of the sensors' directions over a block.
+
+        Those of ``yaw`` are of the mean over all blocks.  If a block is longer than a second, this
+        is a slow error, as `ErrorBudget.azimuth`: of a lone radar larger than of one of several.
+        """
+        return np.asarray(
+            self.sigmas[_BIAS - len(self.yaw) : _BIAS] * np.sqrt(self.duration / self.block)
+        )
+
     def reference(self, reference: Reference) -> Reference:
         """The reference as the radars see it, at its times; nan where shifted times leave it.
 
@@ -111,7 +123,11 @@ class Calibration:
         for (name, unit, text), value, sigma in zip(rows, self.values, self.sigmas, strict=True):
             error = f"+- {sigma * unit:.5f}" if np.isfinite(sigma) else "held"
             lines.append(f"{name:22}  {value * unit:+10.5f} {error:11} {text}".rstrip())
-        return "\n".join([*lines, "", f"Standard deviations from blocks of {self.block:.1f} s."])
+        lines += ["", f"Standard deviations from blocks of {self.block:.1f} s."]
+        if self.block > _SLOW:
+            each = ", ".join(f"{azimuth:.2f}" for azimuth in np.rad2deg(self.azimuth))
+            lines.append(f"For as long, directions are off by {each} deg: azimuth of a budget.")
+        return "\n".join(lines)
 
 
 def calibrate(

@@ -176,6 +176,21 @@ def test_a_wrong_clock_and_mounting_are_mended():
     assert_allclose(reference.poses[known, 0], reference.times[known] - found.lag)
 
 
+def test_directions_that_change_slowly_are_stated():
+    """Breaks if a budget's azimuth error cannot be told from a log, or noise is taken for it."""
+    rng, slow = np.random.default_rng(3), 0.008
+    steady = drive(3, duration=120.0)
+    turned = []
+    for recording in steady:
+        errors = slow * rng.standard_normal(41)  # of three seconds each
+        scans = [replace(x, azimuth=x.azimuth + errors[int(x.time / 3.0)]) for x in recording.scans]
+        turned.append(replace(recording, scans=scans))
+    found = calibrate(turned)
+    assert_allclose(found.azimuth, slow, rtol=0.5)
+    assert f"{np.rad2deg(found.azimuth[0]):.2f}" in str(found).splitlines()[-1]
+    assert "azimuth of a budget" not in str(calibrate(steady))
+
+
 def test_one_sensor_is_enough():
     """Breaks if a single recording is refused, or the wrong mounting is turned."""
     sensors = drive(4, 0.1, law=SlipLaw())
