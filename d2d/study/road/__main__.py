@@ -2,8 +2,8 @@
 
     python -m d2d.study.road PART FOLDER ...
 
-A folder is that of a data set in its official layout, RadarScenes or nuScenes.  All parts but
-``drives`` renew files in ``chapters/results``, which hold no measurements.
+A folder is that of a data set in its official layout, RadarScenes or nuScenes; ``simulated`` needs
+none.  All parts but ``drives`` renew files in ``chapters/results``, which hold no measurements.
 """
 
 import argparse
@@ -21,6 +21,7 @@ from d2d.study.road import (
     protocol_tables,
     scan_profile,
     scores,
+    simulated,
 )
 from d2d.study.road.drive import find_drives, pick
 
@@ -32,6 +33,7 @@ PARTS: dict[str, Any] = {
     "extrapolation": extrapolation.write,
     "protocol": protocol_tables.write,
     "drives": every_drive.write,
+    "simulated": simulated.write,
 }
 OF_ONE_SEQUENCE = ("estimates", "profile")
 
@@ -40,10 +42,12 @@ def main() -> None:
     """Compute a part."""
     parser = argparse.ArgumentParser("python -m d2d.study.road", description=__doc__.split("\n")[0])
     parser.add_argument("part", choices=PARTS)
-    parser.add_argument("folders", nargs="+", type=Path, metavar="FOLDER")
+    parser.add_argument("folders", nargs="*", type=Path, metavar="FOLDER")
     parser.add_argument("--sequence", default="105", help="of the parts `estimates` and `profile`")
     parser.add_argument("--jobs", type=int, default=1, help="processes")
     arguments = parser.parse_args()
+    if not arguments.folders and arguments.part != "simulated":
+        parser.error("this part needs a FOLDER")
     warnings.simplefilter("ignore")
     sources = find_drives(arguments.folders)
     write = PARTS[arguments.part]

@@ -10,7 +10,7 @@ from d2d import log_score
 from d2d.radar import ErrorBudget, Recording, compare, simulate_drive, track
 from d2d.radar.simulation.drive import CAR_MOUNTING, CAR_SPEED
 from d2d.study.book import grammar
-from d2d.study.road import scores
+from d2d.study.road import scores, simulated
 from d2d.study.road.drive import Drive, Source
 
 
@@ -77,3 +77,11 @@ def test_five_radars_are_credible_with_their_budget(nuscenes):
         assert (measures.rmse < ([0.05, 0.05, 0.5] if fitted else [0.09, 0.11, 0.9])).all()
         if fitted:
             assert drive.compare(baseline=2).measures.anees > 5.0
+
+
+@pytest.mark.parametrize("vehicle", ["robot", "train"])
+def test_simulated_vehicles_are_followed(vehicle):
+    """Breaks if a vehicle's truth is not that of its scans."""
+    found = simulated.squares(vehicle, 10.0, 4, simulated.BUDGET, 0)
+    assert (found < 4.0).all()
+    assert found[0, 2] == found[1, 2]  # nothing comes after the last estimate
