@@ -297,10 +297,7 @@ def _source(arguments: argparse.Namespace) -> Source:
         kept = scan.within(**gates)
         return kept if extent is None else kept.with_extent(extent)
 
-    return Source(
-        {name: ([*map(used, scans)], mounting) for name, (scans, mounting) in sensors.items()},
-        budget,
-    )
+    return {name: ([*map(used, scans)], at) for name, (scans, at) in sensors.items()}, budget
 
 
 def _options(arguments: argparse.Namespace, budget: ErrorBudget) -> dict[str, Any]:
@@ -563,25 +560,13 @@ the variance step^2 / 12.
 Where a sensor sits: x forward and y left of the vehicle's origin (best the middle of the rear axle)
 in m, and the direction of its boresight in degrees, counter-clockwise from straight ahead.
 
-examples:
-  one radar at the front bumper of a car, standard deviations for all targets:
-    {PROGRAM} track --csv log.csv --degrees --mounting radar 3.7 0 0 --side-slip 0.05 \\
-        --sigma-range 0.15 --sigma-azimuth 0.5 --sigma-doppler 0.06
+One radar at the front bumper of a car, standard deviations for all targets:
 
-  a log as its driver wrote it, with a stamp for each target, and azimuths that count clockwise:
-    {PROGRAM} track --csv raw.csv.gz --mounting radar 3.5 0 0 --scan-gap 0.01 --skip-invalid \\
-        --columns time=stamp_ns,range=dist_m,azimuth=-angle_rad,doppler=rate
+  {PROGRAM} track --csv log.csv --degrees --mounting radar 3.7 0 0 --side-slip 0.05 \\
+      --sigma-range 0.15 --sigma-azimuth 0.5 --sigma-doppler 0.06
 
-  two radars with a file each, and errors that targets share:
-    {PROGRAM} track --csv left=a.csv --csv right=b.csv --mounting left 3.6 0.8 45 \\
-        --mounting right 3.6 -0.8 -45 --budget-azimuth 0.2 --budget-doppler 0.04
-
-  a bag with mountings in /tf_static, and the result as messages:
-    {PROGRAM} track --bag drive.mcap --topic /front/points /rear/points --output-bag result
-
-What is printed at the end says how many estimates were accepted, and why the others were not.
-
-The book's pages "Your own radar" and "When a path looks wrong" explain how to choose standard
+The book's pages "Your own radar" and "When a path looks wrong" explain which options logs of other
+forms need, with a stamp for each target, in two files or in a bag, how to choose standard
 deviations and a budget, how to test a covariance, what the reasons of estimates that were not
 accepted mean, and what mistakes with a log look like.
 """

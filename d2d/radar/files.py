@@ -2,7 +2,7 @@
 
 import os
 import secrets
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import IO
@@ -39,22 +39,16 @@ def write_together(contents: Mapping[Path, bytes | None]) -> None:
             raise OSError(f"{path} is a folder or a device, and cannot be replaced by a file")
     if len(set(targets.values())) < len(targets):
         raise OSError(f"{', '.join(map(str, targets))} must be different files, but two are links")
-    with _locked(next(iter(targets.values())).parent):
-        parts: dict[Path, int | Path] = {}
-        try:
-            for path, content in contents.items():
-                if content is not None:
-                    parts[targets[path]] = _write_aside(targets[path], content)
-            for target in reversed(targets.values()):
-                target.unlink(missing_ok=True)
-            for target, part in parts.items():
-                _place(part, target)
-        finally:
-            for part in parts.values():
-                if isinstance(part, int):
-                    os.close(part)
-                else:
-                    part.unlink(missing_ok=True)
+    with _locked(next(iter(targets.values())).parent), ExitStack() as stack:
+        places = [
+            stack.enter_context(_aside(targets[path], content))
+            for path, content in contents.items()
+            if content is not None
+        ]
+        for target in reversed(targets.values()):
+            target.unlink(missing_ok=True)
+        for place in places:
+            place()
 
 
 def _target(path: Path) -> Path:
@@ -78,24 +72,24 @@ def _locked(folder: Path) -> Iterator[None]:
         yield
 
 
-def _write_aside(target: Path, content: bytes) -> int | Path:
-    """Write a file without a name, which leaves nothing behind; or beside its place, where the
-    system has no such files.
+@contextmanager
+def _aside(target: Path, content: bytes) -> Iterator[Callable[[], None]]:
+    """Write a file without a name, which leaves nothing behind; yields what gives it its name.
+
+    Where the system has no such files, it is written beside its place.
     """
     try:
         descriptor = os.open(target.parent, os.O_TMPFILE | os.O_WRONLY, 0o666)
     except (AttributeError, OSError):
         part = target.with_name(f".{target.name}.part")
-        part.write_bytes(content)
-        return part
-    with open(descriptor, "wb", closefd=False) as file:
-        file.write(content)
-    return descriptor
-
-
-def _place(part: int | Path, target: Path) -> None:
-    """Give a file that is complete its name."""
-    if isinstance(part, int):
-        os.link(f"/proc/self/fd/{part}", target, src_dir_fd=part, follow_symlinks=True)
+        try:
+            part.write_bytes(content)
+            yield lambda: os.replace(part, target)
+        finally:
+            part.unlink(missing_ok=True)
     else:
-        os.replace(part, target)
+        with open(descriptor, "wb") as file:
+            file.write(content)
+            file.flush()
+            link = f"/proc/self/fd/{descriptor}"
+            yield lambda: os.link(link, target, src_dir_fd=descriptor, follow_symlinks=True)

@@ -2,7 +2,6 @@
 
 import itertools
 import json
-import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any
 
@@ -85,8 +84,8 @@ def _add(
     if "yaw_rate" in entry:
         tracker.add_gyro(*(np.atleast_1d(entry[name]) for name in ("time", "yaw_rate")))
         return []
-    sensor, scan = _scan(entry, degrees, sigmas)
-    return tracker.add(sensor, scan.within(**gates))
+    scan = _scan(entry, degrees, sigmas)
+    return tracker.add(str(entry["sensor"]), scan.within(**gates))
 
 
 def _entry(line: str) -> dict[str, Any]:
@@ -100,7 +99,7 @@ def _entry(line: str) -> dict[str, Any]:
     return entry
 
 
-def _scan(entry: dict[str, Any], degrees: bool, sigmas: dict[str, float]) -> tuple[str, RadarScan]:
+def _scan(entry: dict[str, Any], degrees: bool, sigmas: dict[str, float]) -> RadarScan:
     missing = [name for name in ("sensor", *_COLUMNS) if name not in entry | sigmas]
     if missing:
         raise ValueError(f"a scan must have {', '.join(missing)}")
@@ -111,29 +110,21 @@ def _scan(entry: dict[str, Any], degrees: bool, sigmas: dict[str, float]) -> tup
     }
     values = entry | turned | sigmas
     upwards = {name: values[name] for name in UPWARDS if name in values}
-    return str(entry["sensor"]), RadarScan(*(values[name] for name in _COLUMNS), **upwards)
+    return RadarScan(*(values[name] for name in _COLUMNS), **upwards)
 
 
 def _line(estimate: VelocityEstimate, pose: Array) -> str:
     """An estimate as JSON, with null for what is not known."""
-    raw = estimate.filter_input
-    entry = {
-        "time": estimate.time,
-        "converged": estimate.converged,
-        "reason": estimate.reason,
-        "theta": estimate.theta.tolist(),
-        "pose": pose.tolist(),
-        "covariance": _known(estimate.covariance),
-        "targets": estimate.targets,
-        "inliers": estimate.inliers if math.isfinite(estimate.inliers) else None,
-        "filter_input": raw
-        and {
-            **{n: getattr(raw, n).tolist() for n in ("velocity", "white", "delay", "slow")},
-            "lag": raw.lag,
-        },
-    }
+    names = ("time", "reason", "theta", "covariance", "targets", "inliers")
+    entry = {name: _plain(getattr(estimate, name)) for name in names}
+    entry |= {"converged": estimate.converged, "pose": pose.tolist(), "filter_input": None}
+    if estimate.filter_input is not None:
+        entry["filter_input"] = {n: _plain(v) for n, v in estimate.filter_input._asdict().items()}
     return json.dumps(entry, allow_nan=False)
 
 
-def _known(matrix: Any) -> list[list[float]] | None:
-    return matrix.tolist() if np.isfinite(matrix).all() else None
+def _plain(value: Any) -> Any:
+    """A value of JSON, or None if a number is nan."""
+    if isinstance(value, str | int):
+        return value
+    return np.asarray(value).tolist() if np.isfinite(value).all() else None

@@ -28,6 +28,7 @@ from d2d.radar.readers.table import (
     valid,
     warn_of_left_out,
 )
+from d2d.radar.scans.budget import ErrorBudget
 from d2d.radar.scans.reference import Reference
 from d2d.radar.scans.scan import Mounting, RadarScan
 from d2d.radar.tracks.track import Track
@@ -321,7 +322,8 @@ def _spatial(covariance: Array) -> Array:
 
 def _read(path: str, chosen: Mapping[str, Any]) -> Source:
     given = options_of(chosen, "base_frame", "bag_stamps", "min_snr")
-    return Source(load_bag(path, *chosen["topic"], mountings=mountings_of(chosen), **given))
+    sensors = load_bag(path, *chosen["topic"], mountings=mountings_of(chosen), **given)
+    return sensors, ErrorBudget()
 
 
 READER = Reader(

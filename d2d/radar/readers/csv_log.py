@@ -32,6 +32,7 @@ from d2d.radar.readers.table import (
     valid,
     warn_of_left_out,
 )
+from d2d.radar.scans.budget import ErrorBudget
 from d2d.radar.scans.scan import ANGLES, MEASURED, SIGMAS, UPWARDS, RadarScan
 
 Rows = NDArray[np.intp]
@@ -247,7 +248,7 @@ def _read(paths: list[str], chosen: Mapping[str, Any]) -> Source:
             f"--mounting names {', '.join(sorted(mountings))}; each needs one --mounting NAME X Y "
             "YAW"
         )
-    return Source({name: (own, mountings[name]) for name, own in scans.items()})
+    return {name: (own, mountings[name]) for name, own in scans.items()}, ErrorBudget()
 
 
 READER = Reader(

@@ -4,6 +4,7 @@ The data set is licensed CC BY-NC-SA 4.0 and is not part of this package.
 """
 
 import os
+import re
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import lru_cache
@@ -16,9 +17,16 @@ from numpy.typing import NDArray
 from d2d._checks import SECONDS, check_path, check_positive_scalar
 from d2d._types import Array
 from d2d.radar.readers import shared
-from d2d.radar.readers.pcd import read_pcd
 from d2d.radar.readers.reader import data_set
-from d2d.radar.readers.shared import MICROSECOND, brief, existing, reading, real_numbers, yaw_of
+from d2d.radar.readers.shared import (
+    MICROSECOND,
+    brief,
+    bytes_of,
+    existing,
+    reading,
+    real_numbers,
+    yaw_of,
+)
 from d2d.radar.scans.budget import ErrorBudget
 from d2d.radar.scans.reference import Recording, Reference
 from d2d.radar.scans.scan import BOUNDS, Mounting, RadarScan
@@ -30,6 +38,8 @@ STEP = 0.25  # m/s, to which vx and vy are rounded
 _VALID = (0, 4, 8, 9, 10, 11, 12, 15, 16, 17)
 _UNAMBIGUOUS = 3
 _FIELDS = ("x", "y", "vx", "vy", "rcs", "invalid_state", "ambig_state")
+# Of a PCD file: a text header of lines "KEY value ...", which DATA ends, then the rows.
+_END = re.compile(rb"^DATA[ \t]+(\w+)[ \t]*\r?\n", re.MULTILINE)
 _NUMBERS = {"translation": 3, "rotation": 4}  # how many an entry of a table has
 
 # Fitted to the errors of all five radars together in scenes 0061 and 0103, by maximum likelihood,
@@ -135,7 +145,7 @@ def load_nuscenes(
     scans = []
     for (time, file), excess in zip(files, excesses, strict=True):
         path = existing(folder, file, f"a scan of {channel}")
-        scans.append(_scan(time, read_pcd(path, _FIELDS), excess, strongest, errors))
+        scans.append(_scan(time, _point_cloud(path, _FIELDS), excess, strongest, errors))
     mounting = mounting if stated_mounting else _corrected(mounting, channel)
     return Recording(scans, mounting, reference, NUSCENES_BUDGET)
 
@@ -162,6 +172,41 @@ def _scan(
     return RadarScan.from_cartesian(time, x, y, velocity=velocity, grid=GRID, step=STEP, **sigmas)
 
 
+def _point_cloud(path: Path, fields: tuple[str, ...]) -> dict[str, NDArray[Any]]:
+    """Columns of a binary file in the PCD format of the Point Cloud Library, by name."""
+    with reading(path, "a binary PCD file of a radar"):
+        rows = _records(bytes_of(path))
+        missing = [field for field in fields if field not in (rows.dtype.names or ())]
+        if missing:
+            raise ValueError(f"it has no field {missing[0]!r}")
+        return {field: np.ascontiguousarray(rows[field]) for field in fields}
+
+
+def _records(content: bytes) -> NDArray[Any]:
+    end = _END.search(content)
+    if end is None:
+        raise ValueError("its header has no line DATA")
+    if end[1] != b"binary":
+        raise ValueError(f"its data are {end[1].decode()}, and only binary is read")
+    header = {}
+    for line in content[: end.start()].decode("ascii").splitlines():
+        key, *values = line.split() or [""]
+        header[key] = values
+    if any(count != "1" for count in header.get("COUNT", [])):
+        raise ValueError("it has a field of several values")
+    columns = zip(header["FIELDS"], header["TYPE"], header["SIZE"], strict=True)
+    layout = np.dtype([(name, f"<{kind.lower()}{size}") for name, kind, size in columns])
+    if not header["POINTS"][0].isdigit():
+        raise ValueError(f"its header announces {header['POINTS'][0]} points")
+    count, held = int(header["POINTS"][0]), len(content) - end.end()
+    if held < count * layout.itemsize:
+        raise ValueError(
+            f"its header announces {count} points of {layout.itemsize} bytes, but {held} bytes "
+            "follow"
+        )
+    return np.frombuffer(content, layout, count, end.end())
+
+
 # ---- The vehicle's motion
 
 
@@ -184,7 +229,7 @@ def _motion(root: Path, tables: Path, scene: str, tokens: set[str]) -> Array:
                 real_numbers(keys[3], row[keys[3]], 3)[0] if keys[3] else np.nan,
             )
             for row in shared.content_of(path)
-            if keys[3] or _value("token", row["token"]) in tokens
+            if keys[3] or row["token"] in tokens
         ]
         if not found:
             raise ValueError("it has none of this scene")
@@ -232,14 +277,13 @@ def _tables(root: Path, version: str) -> Path:
 
 def _rows(folder: Path, name: str, *keys: str) -> list[tuple[Any, ...]]:
     path = existing(folder, f"{name}.json", f"the table {name!r} of nuScenes")
-    state = os.stat(path)
-    return _parsed(path, keys, state.st_mtime_ns, state.st_size)
+    return _parsed(path, keys, os.stat(path).st_mtime_ns)
 
 
 # The tables of the last root, which all of its scenes and radars share: reading those of hundreds
 # of scenes takes longer than all else.
 @lru_cache(maxsize=5)
-def _parsed(path: Path, keys: tuple[str, ...], *_changed: int) -> list[tuple[Any, ...]]:
+def _parsed(path: Path, keys: tuple[str, ...], _changed: int) -> list[tuple[Any, ...]]:
     with reading(path, "a table of nuScenes"):
         return [tuple(_value(key, row[key]) for key in keys) for row in shared.content_of(path)]
 

@@ -20,11 +20,8 @@ def _radians(word: str) -> float:
     return math.radians(float(word))
 
 
-class Source(NamedTuple):
-    """Input of a track: scans and mounting of each sensor, and the errors that targets share."""
-
-    sensors: dict[str, tuple[list[RadarScan], Mounting]]
-    budget: ErrorBudget = ErrorBudget()
+# Scans and mounting of each sensor, and the errors that targets share.
+Source = tuple[dict[str, tuple[list[RadarScan], Mounting]], ErrorBudget]
 
 
 class Reader(NamedTuple):
@@ -84,7 +81,7 @@ def data_set(
         loaded = {str(name): load(root, chosen[recording], name) for name in names}
         budgets = [each.budget for each in loaded.values()]
         sensors = {name: (each.scans, each.mounting) for name, each in loaded.items()}
-        return Source(sensors, budgets[0] or ErrorBudget())
+        return sensors, budgets[0] or ErrorBudget()
 
     about, heading = f"folder of the {title} data set", "options of a data set"
     return Reader(title.lower(), about, load, named, (*named,), read, "ROOT", heading, trial=trial)
