@@ -19,7 +19,7 @@ from d2d._checks import (
     check_shape,
 )
 from d2d._frozen import Frozen
-from d2d._kernel import layout
+from d2d._kernel import layout, rows
 from d2d._types import Array
 from d2d.measurement import LinearMeasurement
 from d2d.point_set import PointSet
@@ -149,7 +149,7 @@ class RegistrationCost:
         the measurement.
         """
         problem, bound = self._bound(theta, fixed, moving, measurement)
-        return np.exp(problem.log_densities(bound))
+        return np.exp(problem.of_targets(bound, (rows.LOG_DENSITY,))[..., 0, :])
 
     def inlier_probabilities(
         self,

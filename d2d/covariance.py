@@ -118,27 +118,18 @@ def _warn_of_long_targets(fixed: PointSet, moving: PointSet) -> None:
 
 
 def in_coordinates(slope: Array, covariance: Array) -> Array:
-    """J C J' (..., P, P), exactly symmetric, with the derivative J of other coordinates."""
+    """J C J' (..., P, P), exactly symmetric, with the derivative J of other quantities."""
     moved = slope @ covariance @ np.swapaxes(slope, -1, -2)
     return np.asarray(0.5 * (moved + np.swapaxes(moved, -1, -2)))
 
 
-def propagated(inverse: Array, noise: Array) -> Array:
-    """H^-1 (f_z Sigma_z f_z') H^-1 (..., P, P), exactly symmetric.
-
-    ``noise`` is the covariance (..., P, P) of the gradient, or a part of it.
-    """
-    product = inverse @ noise @ inverse
-    return np.asarray(0.5 * (product + product.swapaxes(-1, -2)))
-
-
 def _definite(inverse: Array, noise: Array) -> Array:
-    """`propagated` of a whole covariance.
+    """H^-1 (f_z Sigma_z f_z') H^-1 (..., P, P), with the covariance of the gradient as noise.
 
     If the rounding of nearly singular matrices leaves a negative variance, it is computed as a
     product of roots, which has none.
     """
-    product = propagated(inverse, noise)
+    product = in_coordinates(inverse, noise)
     negative = (np.diagonal(product, axis1=-2, axis2=-1) < 0.0).any(axis=-1)
     if negative.any():
         size = np.sqrt(np.diagonal(noise[negative], axis1=-2, axis2=-1))

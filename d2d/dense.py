@@ -152,5 +152,5 @@ def factor_of(measurement: LinearMeasurement, theta: Array) -> Factor:
         e[..., None] * measurement.gain + 0.5 * (e * e - 1.0 / variance)[..., None] * variance_by_xi
     )
     if measurement.of_twist:
-        gradient = gradient @ rigid.logarithm_jacobian(theta)
+        gradient = gradient @ rigid.logarithm_derivatives(theta)[1]
     return Factor(-0.5 * (residual * e + np.log(2.0 * math.pi * variance)), gradient)

@@ -451,10 +451,6 @@ class Problem:
         run_in_slices(run, count, self.size)
         return cross
 
-    def log_densities(self, bound: Bound) -> Array:
-        """log q_k (..., K) of every target of every pair, one pair after the other."""
-        return self.of_targets(bound, (rows.LOG_DENSITY,))[..., 0, :]
-
     def inlier_shares(self, bound: Bound) -> Array:
         """Share (..., K) of the inlier component in each target's density."""
         return self.of_targets(bound, (rows.SHARE,))[..., 0, :]

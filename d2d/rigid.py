@@ -62,9 +62,7 @@ def transform_covariances(theta: ArrayLike, covariances: ArrayLike) -> Array:
     parameters = motion("theta", theta, matrices.shape[-1])
     broadcast_batches("theta and covariances", parameters.shape[:-1], matrices.shape[:-3])
     if matrices.shape[-1] == 1:
-        return np.broadcast_to(
-            matrices, np.broadcast_shapes(matrices.shape, (*parameters.shape[:-1], 1, 1, 1))
-        ).copy()
+        return matrices + np.zeros((*parameters.shape[:-1], 1, 1, 1))
     turn = rotation(parameters[..., 2])[..., None, :, :]
     return turn @ matrices @ np.swapaxes(turn, -1, -2)
 
@@ -112,11 +110,6 @@ def logarithm(theta: ArrayLike) -> Array:
     return logarithm_derivatives(theta)[0]
 
 
-def logarithm_jacobian(theta: ArrayLike) -> Array:
-    """d logarithm / d theta (..., 3, 3), at a motion (..., 3) with ``|phi| < 2 pi``."""
-    return logarithm_derivatives(theta)[1]
-
-
 def logarithm_derivatives(theta: ArrayLike) -> tuple[Array, Array, Array]:
     """The `logarithm` (..., 3), with derivatives as those of `exponential_derivatives`."""
     return _charted(motion("theta", theta, 2), True)
@@ -128,8 +121,4 @@ def _charted(points: Array, inverse: bool) -> tuple[Array, Array, Array]:
     image, first = np.empty((count, 3)), np.empty((count, 3, 3))
     second = np.empty((count, 3, 3, 3))
     entries.chart_batch(points.reshape(count, 3), inverse, image, first, second)
-    return (
-        image.reshape(*batch, 3),
-        first.reshape(*batch, 3, 3),
-        second.reshape(*batch, 3, 3, 3),
-    )
+    return image.reshape(*batch, 3), first.reshape(*batch, 3, 3), second.reshape(*batch, 3, 3, 3)

@@ -23,6 +23,8 @@ from d2d import (
     rigid,
     start_grid,
 )
+from d2d.study.point_sets.convergence import is_registered
+from d2d.study.point_sets.room_scans import room_scan
 from tests.strategies import (
     FUSIONS,
     METRICS,
@@ -221,6 +223,31 @@ def test_a_schedule_reaches_the_most_precise_target():
     assert found.converged.all()
     at_mark = rigid.transform_means(found.theta, moving.means)[:, 7] - fixed.means[:, 7]
     assert np.abs(at_mark).max() < 0.01
+
+
+@pytest.mark.parametrize("sigma", [0.1, 0.05])
+def test_a_schedule_keeps_a_good_start_on_walls(sigma):
+    """Breaks if dense places upon dense places, at a lower cost, replace a good registration.
+
+    In a hall with cabinets, whose walls two scans sample anew, the lower cost alone keeps a half.
+    """
+    rng = np.random.default_rng(0)
+    box = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+    right = []
+    for _ in range(30):
+        places = np.column_stack([rng.uniform(1.0, 18.0, 6), rng.choice([-1.2, 0.8], 6)])
+        hall = [[-2.0, -1.2] + [22.0, 2.4] * box, *(place + [0.8, 0.4] * box for place in places)]
+        truth = rng.uniform([0.3, -0.2, -0.5], [2.5, 0.2, 0.5])
+        fixed, moving = (
+            iso(room_scan(rng, pose, walls=hall, field_of_view=np.pi).points, sigma)
+            for pose in (np.zeros(3), truth)
+        )
+        starts = np.array([rigid.compose(truth, [0.2, 0.0, 0.087]), np.zeros(3)])
+        found = [register(fixed, moving, ROBUST, starts, s) for s in ((1.0,), ANNEALED)]
+        right.append([is_registered(each.theta, truth) for each in found])
+    (near, far), (near_annealed, far_annealed) = np.sum(right, axis=0)
+    assert near_annealed >= near - 1 > 20
+    assert far_annealed > far
 
 
 # ---- Several starts ---------------------------------------------------------------------------

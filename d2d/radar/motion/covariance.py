@@ -16,7 +16,7 @@ from d2d import rigid
 from d2d._checks import check_instance
 from d2d._kernel.errors import add_dependence, add_positions
 from d2d._types import Array
-from d2d.covariance import check_estimate, propagated
+from d2d.covariance import check_estimate, in_coordinates
 from d2d.point_set import PointSet
 from d2d.problem import Estimate, Pair, Problem
 from d2d.radar.motion.model import EgoMotionModel, ModelOptions
@@ -67,7 +67,7 @@ def propagate_ego_motion(
     noise = np.diag(problem.prior)
     for each in of_scans(chain.from_iterable(influences(problem, estimate, pairs))):
         add_noise(each, shared_azimuth, noise)
-    return propagated(estimate.covariance, noise)
+    return in_coordinates(estimate.covariance, noise)
 
 
 class Influence(NamedTuple):
@@ -243,5 +243,5 @@ def apply_budget(
         [budget.azimuth * azimuth, budget.doppler * doppler, budget.scale * scale.sum(axis=0), slip]
     )
     covariance = np.asarray(np.linalg.inv(hessian), dtype=np.float64)
-    white, gain = propagated(covariance, noise), -covariance
+    white, gain = in_coordinates(covariance, noise), -covariance
     return Budgeted(gain @ gradient, white, gain @ slow.T, gain @ delayed, gain @ led)
