@@ -34,7 +34,7 @@ SAMPLE, NEAR_SAMPLE = 20, 6.0
 ROUGH, EXACT, LAST = Accuracy(6.0, 1.0, 1), Accuracy(layout.GATE, 1.0, 1), Accuracy(30.0, 0.2, 1)
 
 
-@compiled
+@inlined
 def shifted_solve(h, g, shift, scale, step):
     """Solve (H + shift diag(scale)) step = -g by L D L'.
 

@@ -109,15 +109,15 @@ def repeat(step, fixed, i):
 
 
 @vectorised
-def add_all(w, fixed, setting):
-    """Sum over all components, see `add_step`."""
-    step = w[rows.ONE_STEP : rows.ONE_STEP + 6 * LANES]
+def add_all(w, fixed, setting, lists):
+    """Sum over all components, see `add_step`; in the place of lists, which have none then."""
+    step = lists[rows.PLACE : rows.PLACE + 6 * LANES]
     for i in range(fixed.shape[1]):
         repeat(step, fixed, i)
         add_step(w, step, setting)
 
 
-@compiled
+@inlined
 def sum_inliers(w, fixed, setting, lists):
     """Sum over the neighbours at a block's ``lists``; whether these were enough."""
     for k in range(10 * LANES):
@@ -126,7 +126,7 @@ def sum_inliers(w, fixed, setting, lists):
         w[rows.INLIER + k], w[rows.DISTANCE + k] = TINY, 0.0
     length = int(lists[rows.LENGTH])
     if length == rows.DENSE:
-        add_all(w, fixed, setting)
+        add_all(w, fixed, setting, lists)
     for at in range(rows.PLACE, rows.PLACE + length * rows.STEP, rows.STEP):
         add_step(w, lists[at : at + rows.STEP], setting)
     complete = True

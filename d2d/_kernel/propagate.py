@@ -83,7 +83,7 @@ def inlier_terms(w, step, setting):
 def add_inliers(w, fixed, setting, lists, cross):
     """Add the pairs of a block's neighbours, which the first pass has left at its ``lists``."""
     dense = lists[rows.LENGTH] == rows.DENSE
-    step = w[rows.ONE_STEP : rows.ONE_STEP + 6 * LANES]
+    step = lists[rows.PLACE : rows.PLACE + 6 * LANES]  # which are not there if dense
     for n in range(fixed.shape[1] if dense else int(lists[rows.LENGTH])):
         at = rows.PLACE + n * rows.STEP
         if dense:

@@ -26,13 +26,12 @@ OFFSET, TO_SHARE, OUTLIER_OFFSET, OUTLIER_TO_SHARE = range(60 * LANES, 64 * LANE
 # What the second pass of the propagation adds up for each target (see propagate.py).
 SCALE, OUTLIER_SCALE, GAMMA = range(64 * LANES, 67 * LANES, LANES)
 MEAN, CENTRED, MOVED = 67 * LANES, 70 * LANES, 73 * LANES
-ONE_STEP = 79 * LANES  # a component that all targets of a block are paired with
-POLYNOMIAL = 85 * LANES  # of one coordinate for each target, with its derivatives (see tiles.py)
+POLYNOMIAL = 79 * LANES  # of one coordinate for each target, with its derivatives (see tiles.py)
 TERMS = POLYNOMIAL  # of a step of the propagation
 # The mean half squared distance of each target from its components, in their standard deviations,
 # and its sum over the blocks, weighted by the shares.
-DISTANCE, DISTANCES = 133 * LANES, 134 * LANES
-SCRATCH = 135 * LANES
+DISTANCE, DISTANCES = 127 * LANES, 128 * LANES
+SCRATCH = 129 * LANES
 
 # The neighbours of a block of targets: where they were when their lists were made, how far they may
 # move from there, and down to where their outlier component may sink; the lists' common length.
