@@ -73,8 +73,8 @@ def load_radarscenes(
     Parameters
     ----------
     root : path
-        The folder that contains ``data/sequence_<n>/{radar_data.h5,scenes.json}``, with
-        ``sensors.json`` in ``data`` or beside it.
+        The folder that contains ``data/sensors.json`` and
+        ``data/sequence_<n>/{radar_data.h5,scenes.json}``.
     sequence, sensor : int or str, int
         Number or name, such as 105 or "sequence_105", and 1 to 4.
     strongest : int, optional
@@ -113,15 +113,9 @@ def load_radarscenes(
 
 
 def _mounting(data: Path, sensor: int) -> Mounting:
-    places = [folder / "sensors.json" for folder in (data, data.parent)]
-    found = [path for path in places if path.exists()]
-    if not found:
-        raise FileNotFoundError(
-            f"neither {places[0]} nor {places[1]} exists; one should hold the sensors' mountings"
-        )
-    key = f"radar_{sensor}"
-    with reading(found[0], f"a list of mountings with x, y and yaw of {key}"):
-        mountings = shared.content_of(found[0])
+    path, key = existing(data, "sensors.json", "the list of mountings"), f"radar_{sensor}"
+    with reading(path, f"a list of mountings with x, y and yaw of {key}"):
+        mountings = shared.content_of(path)
         if key not in mountings:
             raise ValueError(f"it has only {', '.join(mountings)}")
         entry = mountings[key]

@@ -109,7 +109,10 @@ def test_each_key_of_a_list_or_table(tmp_path, name, file):
 
 
 NEEDED = {
-    "radarscenes": ("data", "data/sequence_7", radarscenes.H5, radarscenes.SCENES),
+    "radarscenes": (
+        *("data", "data/sequence_7", radarscenes.H5, radarscenes.SCENES),
+        radarscenes.MOUNTINGS,
+    ),
     "nuscenes": (*DATA_SETS["nuscenes"][2][:-1], "samples/RADAR_FRONT"),
 }
 

@@ -154,11 +154,8 @@ def test_scans_of_each_sensor_in_time_order(tmp_path):
         assert third.mounting == Mounting(3.86, 0.7, 0.436)
 
 
-def test_what_may_have_another_name_or_place(root, monkeypatch):
-    """Breaks if only one place of the mountings is looked at, a number that comes from an array is
-    taken for a folder's name, or ~ for one."""
-    (root / MOUNTINGS).rename(root / "sensors.json")
-    assert load_radarscenes(root, 7, 3).mounting == Mounting(3.86, 0.7, 0.436)
+def test_a_sequence_may_be_a_number_or_a_name(root, monkeypatch):
+    """Breaks if a number that comes from an array is taken for a folder's name, or ~ for one."""
     for sequence in (7, "7", "sequence_7", np.int64(7)):
         assert len(load_radarscenes(str(root), sequence, 3).scans) == 4
     monkeypatch.setenv("HOME", str(root.parent))
@@ -240,10 +237,6 @@ def test_a_sequence_or_a_sensor_that_is_not_there_is_named(root):
         load_radarscenes(root, 7, 2)
     with pytest.raises(ValueError, match=r"scenes\.json has no scan of sensor 4"):
         load_radarscenes(root, 7, 4)
-    (root / MOUNTINGS).unlink()
-    both = f"neither {root / MOUNTINGS} nor {root / 'sensors.json'} exists"
-    with pytest.raises(FileNotFoundError, match=re.escape(both)):
-        load_radarscenes(root, 7, 3)
 
 
 # ---- what is not right
