@@ -32,8 +32,8 @@ ANNEALED = (10.0, 5.5, 3.2, 1.7, 1.0)
 # wider, in steps as long as those of `ANNEALED`.
 _UNLIKE, _STEP = 10.0, 1.8
 # Where points lie closer together than their errors, as those of a wall, the lower cost is often
-# that of dense places upon dense places.  A schedule's optimum then must explain as many targets
-# and fit a fifth better.  Chosen on two logs of a lidar, confirmed on three; 0.7 to 0.9 do as well.
+# that of dense places upon dense places.  A schedule's optimum then also has to fit a fifth better:
+# chosen on two logs of lidars, confirmed on three; 0.7 and 0.9 do nearly as well.
 _BETTER_FIT = 0.8
 
 
@@ -68,7 +68,7 @@ def register(
         of the next (Jian & Vemuri 2011).  The last, usually 1, is that of the result, whose cost is
         never higher than without the schedule; that alone takes a sixth of the time.  With an
         outlier model and points closer together than their errors, as in a lidar scan, the optimum
-        without the schedule is left only for one that explains as many targets clearly better.
+        without the schedule is left only for one whose ``fit`` is also a fifth lower.
     measurement : LinearMeasurement, optional
         A measurement of each moving target, whose density multiplies the inlier density.
     threads : int
@@ -244,11 +244,11 @@ def _overlap(points: PointSet) -> NDArray[np.bool_]:
 
 
 def _explains_better(one: Estimate, other: Estimate) -> NDArray[np.bool_]:
-    """Whether an optimum explains as many targets as another, and clearly better."""
+    """Whether the inliers of an optimum fit clearly better than those of another."""
     # Without an outlier model, the squared distances of all targets are in the cost.
     unknown = np.isnan(one.inliers)
     better = one.fit < _BETTER_FIT * np.nan_to_num(other.fit, nan=np.inf)
-    return np.asarray(unknown | better & (one.inliers >= other.inliers))
+    return np.asarray(unknown | better)
 
 
 def _lower(one: Estimate, other: Estimate, allowed: NDArray[np.bool_] | bool = True) -> Estimate:
