@@ -315,20 +315,24 @@ class Problem:
         found, failed = self._descend(bound, threads)
         if failed and self.kind == layout.MOTION and p == 3:
             self._find_valleys(found, bound, threads)
+        thetas, numbers, gradient, hessian, covariance, iterations, good, undetermined = found
+        if p < 3:
+            thetas, gradient = thetas[:, :p], gradient[:, :p]
+            hessian, covariance = hessian[:, :p, :p], covariance[:, :p, :p]
+        value, inliers, fit, freedom = numbers.T
         estimate = object.__new__(Estimate)  # a frozen dataclass sets one attribute at a time
-        value, inliers, fit, freedom = found.numbers.T
         estimate.__dict__.update(
-            theta=found.thetas[:, :p].reshape(*shape, p),
-            covariance=found.covariance[:, :p, :p].reshape(*shape, p, p),
+            theta=thetas.reshape(*shape, p),
+            covariance=covariance.reshape(*shape, p, p),
             value=value.reshape(shape),
-            gradient=found.gradient[:, :p].reshape(*shape, p),
-            hessian=found.hessian[:, :p, :p].reshape(*shape, p, p),
-            converged=found.converged.reshape(shape),
-            iterations=found.iterations.reshape(shape),
+            gradient=gradient.reshape(*shape, p),
+            hessian=hessian.reshape(*shape, p, p),
+            converged=good.reshape(shape),
+            iterations=iterations.reshape(shape),
             inliers=inliers.reshape(shape),
             fit=fit.reshape(shape),
             freedom=freedom.reshape(shape),
-            undetermined=found.undetermined.reshape(shape),
+            undetermined=undetermined.reshape(shape),
         )
         return estimate
 
