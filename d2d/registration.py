@@ -119,7 +119,7 @@ def register(
         return best
     annealed = anneal(problem, start, steps, threads)
     allowed = _explains_better(annealed, best)
-    if not allowed.all():
+    if not (allowed | (annealed.value >= best.value)).all():
         allowed = allowed | ~_overlap(fixed)
     best = _lower(best, annealed, allowed)
     spread = _spread(fixed, moving)
