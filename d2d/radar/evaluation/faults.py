@@ -15,7 +15,7 @@ import numpy as np
 from d2d._types import Array
 from d2d.problem import Estimate
 from d2d.radar.evaluation.sensor_motion import wrapped
-from d2d.radar.motion.doppler import doppler_starts
+from d2d.radar.motion.doppler import doppler_ego_motion, doppler_starts
 from d2d.radar.motion.estimate import estimate_velocity
 from d2d.radar.motion.model import DEFAULT_DOPPLER_WIDTH, EgoMotionModel
 from d2d.radar.motion.pairs import ScanPair, problem_of
@@ -77,7 +77,7 @@ def likelier_without(
     epochs = _epochs(log)
     if not epochs:
         return []
-    stated = np.array([_likelihood(each) for each in epochs])
+    stated = np.array([max(_likelihood(each), _likelihood(_compensated(each))) for each in epochs])
 
     def gains(fault: Fault, step: int = 1) -> Array:
         """Nats that every ``step``-th interval gains without the fault."""
@@ -220,9 +220,21 @@ def _mounted(epoch: Epoch, mountings: Mapping[str, Mounting]) -> Epoch:
 
 def _measured(epoch: Epoch) -> Epoch:
     """The interval with the motion that the positions show put back into the Doppler velocities."""
-    theta = epoch.by_positions.theta
+    return _with_velocity(epoch, epoch.by_positions.theta)
+
+
+def _compensated(epoch: Epoch) -> Epoch:
+    """The interval without the motion that the Doppler velocities show.
+
+    It is the more likely one where positions travel with the vehicle, as those of a guardrail.
+    """
+    return _with_velocity(epoch, -doppler_ego_motion(_views(epoch)).theta)
+
+
+def _with_velocity(epoch: Epoch, velocity: Array) -> Epoch:
+    """The interval with Doppler velocities of static targets at a velocity (3,) added."""
     return _with_doppler(
-        epoch, lambda pair: doppler_velocity(theta, pair.current.azimuth, pair.mounting)
+        epoch, lambda pair: doppler_velocity(velocity, pair.current.azimuth, pair.mounting)
     )
 
 
