@@ -12,18 +12,18 @@ document.addEventListener("readystatechange", () => { // before the theme looks 
   window.addEventListener("hashchange", () => openClaim(rows));
 }, { once: true });
 
-// A page that is opened from a folder cannot read others for their first lines.
-if (location.protocol === "file:") DOCUMENTATION_OPTIONS.SHOW_SEARCH_SUMMARY = false;
+if (location.protocol === "file:") DOCUMENTATION_OPTIONS.SHOW_SEARCH_SUMMARY = false; // a folder's pages cannot be read
 
-// The search's: chapters and guides come before the appendix, and the functions last.
+// The search's: chapters and guides come before the appendix, functions and the gallery last; words in a title count.
 const WEIGHTS = [
-  [/gallery/, -20],
   [/^chapters\/[a-z]_/, 3],
-  [/^chapters/, 12],
+  [/^chapters\/(?!gallery)/, 12],
   [/./, -4],
 ];
+const asked = new URLSearchParams(location.search).get("q")?.toLowerCase().match(/\w{3,}/g) ?? [];
+const inTitle = (title) => asked.filter((word) => title.toLowerCase().includes(word)).length;
 var Scorer = {
-  score: ([page, , , , score]) => score + WEIGHTS.find(([pages]) => pages.test(page))[1],
+  score: ([page, title, , , score]) => score + WEIGHTS.find(([pages]) => pages.test(page))[1] + 4 * inTitle(title),
   objNameMatch: 11,
   objPartialMatch: 2,
   objPrio: { 0: 5, 1: 2, 2: -5 },
