@@ -26,7 +26,7 @@ def test_an_outlier_component_that_is_not_known_is_refused():
     bound = unknown.bind(theta)
     for use in (
         unknown.derivatives,
-        unknown.log_densities,
+        unknown.inlier_shares,
         lambda b: unknown.cross_derivatives(b, 0, 1),
     ):
         with pytest.raises(ValueError, match="does not know this kind of outlier"):

@@ -14,8 +14,7 @@ from d2d._kernel.rows import LANES
 # A pivot of the Hessian below this part of its diagonal counts as zero: a motion that the targets
 # do not determine leaves pivots of rounding errors and of the residual gradient there.
 SINGULAR = 1e-8
-# A direction with a curvature below this part of the largest is not determined, if no other has a
-# negative one.
+# A curvature below this part of the largest leaves its direction undetermined, if none is negative.
 FLAT = 1e-6
 NOISE = 1e-13  # error of a curvature, relative to the largest
 ROUNDING = 2e-15  # error of a cost, relative to its size plus the number of targets
@@ -238,8 +237,7 @@ def moving_targets(batch, problem):
 def minimise(batch, problem, theta, tolerance, max_iterations, work, g, h):
     """Newton's method in a trust region, in place.
 
-    Returns value, whether it converged, iterations, sums of shares and distances, and whether a
-    direction is not determined.
+    Returns value, convergence, iterations, sums of shares and distances, and whether undetermined.
 
     A step is accepted only if it lowers the cost; only the one after rough steps always is.
     Converged means that the Hessian is positive definite and the Newton decrement g' H^-1 g, the
