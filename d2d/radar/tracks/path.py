@@ -9,15 +9,18 @@ where [., .] is the bracket of SE(2) (Magnus 1954; Iserles et al. 2000).  For a 
 linear the error is of third order.
 """
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from d2d import rigid
 from d2d._checks import check_finite
 from d2d._types import Array
 from d2d.radar.tracks.filter import MEMORY, PERSISTENCE
+
+if TYPE_CHECKING:
+    from d2d.radar.tracks.track import Track
 
 ROUNDED = 1e-6  # s, of times since 1970
 
@@ -42,16 +45,12 @@ class Knots(NamedTuple):
     errors: Array  # (m, 2, n, n + k), as `Track.errors`
 
     @classmethod
-    def of(
-        cls,
-        times: Array,
-        intervals: Array,
-        theta: Array,
-        converged: NDArray[np.bool_],
-        errors: Array,
-    ) -> "Knots":
-        """From the fields of a track; without an accepted estimate, its first velocity alone."""
-        begin, accepted = times[0] - intervals[0], times[converged]
+    def of(cls, track: "Track") -> "Knots":
+        """Those of a track; without an accepted estimate, its first velocity alone."""
+        times, theta, converged, errors = track.times, track.theta, track.converged, track.errors
+        if errors is None:
+            errors = independent(track.covariance)
+        begin, accepted = times[0] - track.intervals[0], times[converged]
         if not len(accepted):
             return cls(np.array([begin]), theta[:1], errors[:1])
         after = np.searchsorted(accepted, times)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import os
 import re
-from collections import Counter
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -15,17 +16,8 @@ from d2d import rigid
 from d2d._checks import check_finite, check_path, check_real, check_shape
 from d2d._frozen import Frozen
 from d2d._types import Array
-from d2d.radar.tracks.output import (
-    OPTIONAL,
-    REQUIRED,
-    TYPES,
-    load_fields,
-    save_fields,
-    table_columns,
-    write_poses,
-    write_table,
-)
-from d2d.radar.tracks.path import ROUNDED, Displacement, Knots, chain, independent
+from d2d.radar.files import atomic_write
+from d2d.radar.tracks.path import ROUNDED, Displacement, Knots, chain
 from d2d.radar.tracks.plot import draw
 from d2d.radar.tracks.support import Support, support_of
 
@@ -33,6 +25,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from pandas import DataFrame
 
+_REQUIRED = ("times", "intervals", "theta", "covariance", "converged")
+_OPTIONAL = ("reasons", "targets", "inliers", "errors")
+_TYPES = {"converged": np.bool_, "reasons": np.str_, "targets": np.int64}  # others are floats
 # shapes of a row, if it is not a number
 _ROW_SHAPES: dict[str, tuple[int, ...]] = {"theta": (3,), "covariance": (3, 3)}
 # s, and relative to the time since the first estimate: stamps in logs are often rounded
@@ -41,6 +36,12 @@ _ROUNDING = 1e-6  # of covariances, relative to their standard deviations
 _SHOWN_REASONS = 3
 # A number in a reason, but not the exponent of a unit such as m/s^2.
 _NUMBER = re.compile(r"(?<![\^\w.])-?\d+(\.\d+)?")
+_FORMAT = "d2d.radar.Track 2"  # of npz files
+# The columns of a table; the last six are the upper triangle of the covariance.
+_COLUMNS = (
+    *("time", "interval", "v_x", "v_y", "omega", "converged", "var_v_x", "cov_v_x_v_y"),
+    *("cov_v_x_omega", "var_v_y", "cov_v_y_omega", "var_omega"),
+)
 
 
 class Velocities(NamedTuple):
@@ -106,7 +107,7 @@ class Track(Frozen):
 
     def __post_init__(self) -> None:
         count = np.size(self.times)
-        for name in (*REQUIRED, *OPTIONAL):
+        for name in (*_REQUIRED, *_OPTIONAL):
             if getattr(self, name) is not None:
                 self._keep(name, _rows(name, getattr(self, name), count))
         good = self.converged
@@ -127,8 +128,12 @@ class Track(Frozen):
         given: object = rows
         if not isinstance(given, slice) or given.step not in (None, 1):
             raise ValueError(f"a track must be sliced with a step of 1, but by {rows!r}")
-        names = REQUIRED + OPTIONAL
-        return replace(self, **{n: vars(self)[n][rows] for n in names if vars(self)[n] is not None})
+        return replace(self, **{name: values[rows] for name, values in self._known().items()})
+
+    def _known(self) -> dict[str, NDArray[Any]]:
+        """The fields that are known, by their names."""
+        fields = {name: getattr(self, name) for name in (*_REQUIRED, *_OPTIONAL)}
+        return {name: values for name, values in fields.items() if values is not None}
 
     def __len__(self) -> int:
         """The number of estimates."""
@@ -159,7 +164,7 @@ class Track(Frozen):
         for rows in self._segments():
             part = self[rows]
             begun = part.times[0] - part.intervals[0]
-            twists[rows] = part._knots().motions(np.append(begun, part.times))
+            twists[rows] = Knots.of(part).motions(np.append(begun, part.times))
         return chain(rigid.exponential(twists), first)
 
     def at(self, times: ArrayLike) -> Velocities:
@@ -173,16 +178,11 @@ class Track(Frozen):
         """
         wanted = check_finite("times", times, "(m,)")
         before, after, weight, known = neighbours(self, wanted)
-
-        def between(values: Array, weights: Array) -> Array:
-            mixed = (1.0 - weights) * values[before] + weights * values[after]
-            return np.asarray(np.where(known.reshape(weights.shape), mixed, np.nan))
-
-        return Velocities(
-            wanted,
-            between(self.theta, weight[:, None]),
-            between(self.covariance, weight[:, None, None]),
+        theta, covariance = (
+            np.where(known, (1.0 - weight) * each[before].T + weight * each[after].T, np.nan).T
+            for each in (self.theta, self.covariance)
         )
+        return Velocities(wanted, theta, covariance)
 
     def displacement(self, start: ArrayLike, end: ArrayLike) -> Displacement:
         """How far the vehicle has moved from ``start`` to ``end`` (n,) in s, and how surely.
@@ -212,16 +212,11 @@ class Track(Frozen):
             )
         motion, covariance = np.full((len(begins), 3), np.nan), np.full((len(begins), 3, 3), np.nan)
         if len(self):
-            knots = self._knots()
+            knots = Knots.of(self)
             for own in np.unique(begins):
                 same = np.flatnonzero(begins == own)
                 motion[same], covariance[same] = knots.displacement(float(own), ends[same])
         return Displacement(motion, covariance)
-
-    def _knots(self) -> Knots:
-        columns = self.times, self.intervals, self.theta, self.converged
-        errors = independent(self.covariance) if self.errors is None else self.errors
-        return Knots.of(*columns, errors)
 
     @property
     def systematic(self) -> Array | None:
@@ -250,13 +245,30 @@ class Track(Frozen):
         A leading ``~`` of the path stands for the home folder.  An existing file is replaced once
         all is written.  Raises an ``OSError`` if that is not possible.
         """
-        save_fields(check_path("path", path), vars(self))
+        with atomic_write(check_path("path", path)) as file:
+            np.savez_compressed(file, allow_pickle=False, format=np.array(_FORMAT), **self._known())
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Track:
         """The track that `save` wrote; a ``ValueError`` names a file that is not a complete one."""
         source = check_path("path", path)
-        fields = load_fields(source)
+        with source.open("rb") as raw:
+            try:
+                with np.load(raw, allow_pickle=False) as file:
+                    fields: dict[str, Any] = {**file}
+                mark = str(fields.pop("format"))
+            except Exception as error:  # damaged bytes raise errors of zipfile, zlib or NumPy
+                raise ValueError(
+                    f"{source} is not a complete file of Track.save ({error!r})"
+                ) from None
+        if mark != _FORMAT:
+            raise ValueError(
+                f"{source} has the format {mark!r}, but this version reads {_FORMAT!r}"
+            )
+        missing, other = {*_REQUIRED} - fields.keys(), fields.keys() - {*_REQUIRED, *_OPTIONAL}
+        if missing or other:
+            said = f"lacks {sorted(missing)}" if missing else f"also holds {sorted(other)}"
+            raise ValueError(f"{source} is not a complete file of Track.save: it {said}")
         try:
             return cls(**fields)
         except ValueError as error:
@@ -272,8 +284,12 @@ class Track(Frozen):
         if not len(self.times):
             raise ValueError("the track must hold at least one estimate, but is empty")
         _check_one_segment(self)
-        first = self.times[:1] - self.intervals[:1]
-        write_poses(check_path("path", path), np.concatenate([first, self.times]), poses)
+        times = np.append(self.times[0] - self.intervals[0], self.times)
+        x, y, yaw = poses.T
+        zero = np.zeros_like(x)
+        columns = [times, x, y, zero, zero, zero, np.sin(0.5 * yaw), np.cos(0.5 * yaw)]
+        with atomic_write(check_path("path", path)) as file:
+            np.savetxt(file, np.column_stack(columns), "%.9f")
 
     def write_velocities(self, path: str | os.PathLike[str]) -> None:
         """Write all of the track as a table in a CSV file, which pandas and spreadsheets read.
@@ -285,20 +301,29 @@ class Track(Frozen):
         velocity is the last one that was, or a guess.  The velocities are filtered: to another
         filter, give `FilterInput` instead.  The path is as for `save`.
         """
-        write_table(check_path("path", path), vars(self) | {"guessed": self.guessed})
+        columns = self._columns()
+        with atomic_write(check_path("path", path)) as raw:
+            file = io.TextIOWrapper(raw, encoding="utf-8", newline="")
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow(columns)
+            writer.writerows(zip(*(column.tolist() for column in columns.values()), strict=True))
+            file.detach()
 
     def to_dataframe(self) -> DataFrame:
         """The estimates as a pandas table, one row for each; pandas must be installed.
 
         `write_velocities` says what its columns are.
         """
-        try:
-            import pandas
-        except ModuleNotFoundError:
-            raise ModuleNotFoundError(
-                "to_dataframe needs pandas, which is not installed: pip install pandas"
-            ) from None
-        return pandas.DataFrame(table_columns(vars(self) | {"guessed": self.guessed}))
+        import pandas
+
+        return pandas.DataFrame(self._columns())
+
+    def _columns(self) -> dict[str, NDArray[Any]]:
+        """The columns (n,) of a table by their names."""
+        entries = self.covariance[:, *np.triu_indices(3)].T
+        columns = self.times, self.intervals, *self.theta.T, self.converged, *entries
+        known = {n: v for n, v in self._known().items() if n in ("reasons", "targets", "inliers")}
+        return dict(zip(_COLUMNS, columns, strict=True)) | {"guessed": self.guessed} | known
 
     def plot(self) -> Figure:
         """Draw the path, the velocities in a band of 3 sigma, the inlier share and the failures.
@@ -307,22 +332,7 @@ class Track(Frozen):
         probability of 95 % (`displacement`).  An inlier share that is not known is left out.
         Matplotlib must be installed.
         """
-        estimates = (self.times, self.theta, self.covariance, self.converged, self.inliers)
-        return draw(self.poses(), *estimates, self._regions())
-
-    def _regions(self) -> Array:
-        """Outlines (m, 60, 2) of the ellipses along the path; none without a budget."""
-        accepted = self.times[self.converged]
-        if self.errors is None or not len(accepted):
-            return np.empty((0, 60, 2))
-        ends = np.unique(accepted[np.linspace(0, len(accepted) - 1, 9).astype(int)[1:]])
-        began = self.times[0] - self.intervals[0]
-        motion, covariance = self.displacement(np.full(len(ends), began), ends)
-        known = np.isfinite(motion).all(axis=1)
-        angle = np.linspace(0.0, 2.0 * np.pi, 60)
-        circle = np.sqrt(-2.0 * np.log(0.05)) * np.stack([np.cos(angle), np.sin(angle)])
-        spread = np.linalg.cholesky(covariance[known, :2, :2]) @ circle
-        return np.asarray(motion[known, None, :2] + np.swapaxes(spread, -1, -2))
+        return draw(self)
 
     def __repr__(self) -> str:
         """Number of estimates and share of those accepted; the arrays would fill the screen."""
@@ -335,32 +345,27 @@ class Track(Frozen):
         """Summary with the most frequent reasons of failure, and a first word if it is a guess."""
         if self.reasons is None:
             return repr(self)
-        failed = [reason for reason in self.reasons.tolist() if reason]
-        alike = Counter(_NUMBER.sub("...", reason) for reason in failed)
-        support = self.support
-        lines = [
-            f"  {n} failed: {_with_ranges(kind, failed)}"
-            for kind, n in alike.most_common(_SHOWN_REASONS)
-        ]
-        other = sum(alike.values()) - sum(n for _, n in alike.most_common(_SHOWN_REASONS))
+        alike: dict[str, list[list[str]]] = {}  # the numbers of each reason, by its kind
+        for reason in filter(None, self.reasons.tolist()):
+            numbers = [found[0] for found in _NUMBER.finditer(reason)]
+            alike.setdefault(_NUMBER.sub("...", reason), []).append(numbers)
+        often = sorted(alike.items(), key=lambda entry: -len(entry[1]))[:_SHOWN_REASONS]
+        lines = []
+        for kind, rows in often:
+            for column in zip(*rows, strict=True):
+                ends = dict.fromkeys((min(column, key=float), max(column, key=float)))
+                kind = kind.replace("...", " to ".join(ends), 1)
+            lines.append(f"  {len(rows)} failed: {kind}")
+        other = len(self) - int(self.converged.sum()) - sum(len(rows) for _, rows in often)
         lines += [f"  {other} failed otherwise"] * (other > 0)
+        support = self.support
         first = [f"NOT SUPPORTED: {support}"] * (not support.enough)
         return "\n".join([*first, repr(self), *lines])
 
 
-def _with_ranges(kind: str, reasons: list[str]) -> str:
-    """The text of a kind of reasons, with the least and the largest of its numbers."""
-    alike = [each for each in reasons if _NUMBER.sub("...", each) == kind]
-    numbers = [[found[0] for found in _NUMBER.finditer(each)] for each in alike]
-    for column in zip(*numbers, strict=True):
-        ends = dict.fromkeys((min(column, key=float), max(column, key=float)))
-        kind = kind.replace("...", " to ".join(ends), 1)
-    return kind
-
-
 def _rows(name: str, value: Any, count: int) -> NDArray[Any]:
     """A copy of a field as an array of its type, with as many rows as the track has."""
-    kind = TYPES.get(name)
+    kind = _TYPES.get(name)
     array = check_real(name, value) if kind is None else np.array(value)
     if kind is not None and array.dtype.kind != np.dtype(kind).kind:
         raise ValueError(f"{name} must be an array of {kind.__name__}, but is of {array.dtype}")
@@ -406,9 +411,8 @@ def _check_covariances(stated: Array) -> None:
     scale = sigmas[:, :, None] * sigmas[:, None, :]
     if (np.abs(stated - stated.swapaxes(1, 2)) > _ROUNDING * scale).any():
         raise ValueError("covariance must be symmetric wherever converged is true")
-    correlations = np.divide(stated, scale, out=np.zeros_like(stated), where=scale > 0.0)
-    smallest = np.linalg.eigvalsh(correlations)[:, 0]
-    if (np.abs(stated) > (1.0 + _ROUNDING) * scale).any() or (smallest < -_ROUNDING).any():
+    correlations = stated / np.maximum(scale, 1e-100)
+    if (np.linalg.eigvalsh(correlations)[:, 0] < -_ROUNDING).any():
         raise ValueError("covariance must be positive semidefinite wherever converged is true")
 
 
