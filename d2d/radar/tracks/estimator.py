@@ -31,19 +31,12 @@ from d2d.radar.tracks.gyro import GyroRates, MeanRate
 from d2d.radar.tracks.limits import State, VehicleLimits
 from d2d.radar.tracks.rounds import Round
 
-# The wide outlier component has a separate optimum, far from where the scans overlap: all
-# targets are outliers there, and the Hessian is positive definite.  An optimum at which the mean
-# inlier probability of the targets is below this is not accepted as the vehicle's motion.
+# Mean inlier probability: at the wide outlier component's own optimum, all targets are outliers.
 _MIN_INLIER_SHARE = 0.1
-# A velocity has three components.  An optimum that rests on hardly more targets is accidental,
-# however large a share of the scan they are.
-_MIN_AGREEING = 4.0  # sum of the inlier probabilities
-# rad; a vehicle that drives in a circle between two scans is back where it was: scans of one place
-# then fit at any speed, as they do where times are in another unit
-_MAX_TURN = float(np.pi)
-# A wrong optimum rarely explains more than half of the targets (chapter 11).  One that explains at
-# least this fraction is accepted without looking for another.
-_GOOD_INLIER_SHARE = 0.6
+# Sum of the inlier probabilities: three components fit hardly more targets by accident.
+_MIN_AGREEING = 4.0
+_MAX_TURN = float(np.pi)  # rad; after a full circle, scans of one place fit at any speed
+_GOOD_INLIER_SHARE = 0.6  # of a wrong optimum it is rarely more than half (chapter 11)
 
 
 class VelocityEstimate(NamedTuple):

@@ -37,9 +37,8 @@ from d2d.radar.tracks.filter_input import FilterInput
 from d2d.radar.tracks.gyro import MeanRate
 
 # Of a car, along x and y in m/s^2 and about z in rad/s^2: standard deviations of the acceleration
-# where nothing is known of it (twice the RMS on seven drives), and by how much it changes in a
-# second of even driving.  The rear axle of a car hardly slides: lateral velocities change slowly,
-# and so tell yaw rates from side slip.
+# where nothing is known of it (twice the RMS on seven drives), and of its change in a second of
+# even driving.  The rear axle hardly slides, which tells yaw rates from side slip.
 UNKNOWN = np.diag(np.square([1.3, 0.09, 0.12]))
 UNSEEN = Acceleration(np.zeros(3), UNKNOWN)
 JERK = np.diag(np.square([1.5, 0.0225, 0.0375]))  # variances per s

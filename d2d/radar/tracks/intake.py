@@ -10,9 +10,7 @@ import numpy as np
 from d2d.radar.scans.scan import MEASURED, RadarScan
 from d2d.radar.tracks.rounds import Round, Rounds, SensorScans
 
-# s; a scan that is less than this before another one is in the wrong order, which is refused; one
-# that is more out of step has another clock
-_STEP = 1.0
+_STEP = 1.0  # s; a scan that is less before another one is in the wrong order, which is refused
 _CYCLES = 5.0  # of a sensor that pauses before a scan is out of step: some scans may be lost
 _WAITED = 1.5  # cycles after which a sensor would have been heard, as for a round
 _FEW = 6  # targets, of which some may be equal by chance where a radar rounds coarsely
@@ -53,9 +51,9 @@ class ScanGate:
             return [], []
         last = max((each.time for each in self._latest.values()), default=scan.time)
         later = latest is None or scan.time > latest.time
-        cycles = {s: history.cycle for s, history in enumerate(self._rounds.histories)}
-        known = {s: cycle for s, cycle in cycles.items() if math.isfinite(cycle)}
-        reach = max(_STEP, _CYCLES * max(known.values())) if known else math.inf
+        cycles = [history.cycle for history in self._rounds.histories]
+        known = {s: cycle for s, cycle in enumerate(cycles) if math.isfinite(cycle)}
+        reach = max(_STEP, _CYCLES * max(known.values(), default=math.inf))
         in_step = later and scan.time <= last + reach
         back = before is not None and scan.time <= before.time
         if before is not None and back and not in_step and scan.time > before.time - _STEP:
@@ -113,14 +111,11 @@ class ScanGate:
         if scan.size < _FEW or 2 * (np.diff(np.sort(scan.range)) == 0.0).sum() < scan.size - 1:
             return scan
         measured = np.column_stack([getattr(scan, name) for name in MEASURED])
-        order = np.lexsort(measured.T)
-        same = (measured[order[1:]] == measured[order[:-1]]).all(axis=1)
-        if 2 * int(same.sum()) < scan.size - 1:
+        first = np.unique(measured, axis=0, return_index=True)[1]
+        if 2 * (scan.size - len(first)) < scan.size - 1:
             return scan
         self._warn("twins", sensor, f"has targets twice, as at {scan.time:.3f} s; one of each is")
-        kept = np.ones(scan.size, dtype=np.bool_)
-        kept[order[1:][same]] = False
-        return scan[kept]
+        return scan[np.sort(first)]
 
     def _warn(self, reason: str, sensor: int, text: str, question: str = "") -> None:
         if (reason, sensor) not in self._told:

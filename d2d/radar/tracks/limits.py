@@ -1,7 +1,7 @@
 """Plausibility limits on velocity and acceleration."""
 
 import math
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from typing import NamedTuple
 
 import numpy as np
@@ -67,16 +67,6 @@ class VehicleLimits:
             if not (np.isscalar(limit) and limit == np.inf):
                 check_positive_scalar(field.name, limit)
             object.__setattr__(self, field.name, float(limit))
-
-    def for_doppler(self, doppler: bool) -> "VehicleLimits":
-        """The limits of an estimate with or without Doppler velocities.
-
-        Without them all components are determined poorly, and a side slip says nothing about omega.
-        """
-        if doppler:
-            return self
-        free = dict.fromkeys(("yaw_rate_of_slip", "uncertainty", "speed_uncertainty"), np.inf)
-        return replace(self, **free)
 
     def exceeded(self, state: State, last: State | None) -> str:
         """Reason to reject the state, in words; empty if it is plausible after the last one."""

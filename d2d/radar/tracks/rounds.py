@@ -13,11 +13,8 @@ from d2d._checks import SECONDS, check_count, check_members, check_positive_scal
 from d2d.radar.motion.pairs import ScanPair
 from d2d.radar.scans.scan import MEASURED, Mounting, RadarScan, level
 
-# Times between two scans, and horizons, that are longer than this are taken to be in another unit.
-MAX_INTERVAL = 60.0  # s
-# s; on five drives that were tried the log score was best at 0.23 to 0.45 s, on three of them at
-# 0.3 s (appendix F)
-HORIZON = 0.3
+MAX_INTERVAL = 60.0  # s; longer times between scans, and horizons, are taken for another unit
+HORIZON = 0.3  # s; on five drives the log score was best at 0.23 to 0.45 s (appendix F)
 _REMEMBERED = 9  # intervals of a sensor, whose median is its cycle
 _ROUND = 1.5  # cycles, after which a round is over
 # A pair may be this many times as long as the horizon, or bridge a scan that is missing.
@@ -46,8 +43,21 @@ def named_sensors(sensors: Sensors, max_interval: float = MAX_INTERVAL) -> dict[
     By the names of their scans in messages.  Their order in time is not checked here.
     """
     longest, named = check_positive_scalar("max_interval", max_interval), {}
-    for name, (given, mounting) in _named(sensors).items():
-        scans = check_members(name, given, RadarScan)
+    given: Any = sensors
+    if _parts(given) is not None:
+        given = {"scans": given}
+    else:
+        if not isinstance(given, Mapping):
+            given = dict(enumerate(check_members("sensors", given, object)))
+        given = {f"sensors[{key!r}].scans": sensor for key, sensor in given.items()}
+    for name, sensor in given.items():
+        parts = _parts(sensor)
+        if parts is None:
+            raise ValueError(
+                f"{name.removesuffix('.scans')} must be a Recording or a tuple (scans, Mounting), "
+                f"but is a {type(sensor).__name__}"
+            )
+        scans, mounting = check_members(name, parts[0], RadarScan), parts[1]
         intervals = np.diff([scan.time for scan in scans])
         if len(intervals) and np.median(intervals) > longest:
             raise ValueError(
@@ -61,25 +71,6 @@ def named_sensors(sensors: Sensors, max_interval: float = MAX_INTERVAL) -> dict[
         name: ([level(scan, mounting)[0] for scan in scans], mounting.flat)
         for name, (scans, mounting) in named.items()
     }
-
-
-def _named(sensors: Any) -> dict[str, tuple[Any, Mounting]]:
-    """The scans and the mounting of each sensor, by the name of the scans in error messages."""
-    alone = _parts(sensors)
-    if alone is not None:
-        return {"scans": alone}
-    if not isinstance(sensors, Mapping):
-        sensors = dict(enumerate(check_members("sensors", sensors, object)))
-    named = {}
-    for key, sensor in sensors.items():
-        parts = _parts(sensor)
-        if parts is None:
-            raise ValueError(
-                f"sensors[{key!r}] must be a Recording or a tuple (scans, Mounting), but is a "
-                f"{type(sensor).__name__}"
-            )
-        named[f"sensors[{key!r}].scans"] = parts
-    return named
 
 
 def _parts(sensor: Any) -> tuple[Any, Mounting] | None:
@@ -116,17 +107,14 @@ def check_clocks(sensors: Mapping[str, Sequence[RadarScan]]) -> None:
             f"{other} does not; take the log before and after it, or without one of them"
         )
     for together in zip(*parts.values(), strict=True):
-        spans = {
-            name: (own[0].time, own[-1].time)
-            for name, own in zip(parts, together, strict=True)
-            if len(own) > 1
-        }
-        for name, (start, end) in spans.items():
-            apart = [n for n, (first, last) in spans.items() if end < first or last < start]
-            if apart and len(apart) == len(spans) - 1:
-                first, last = spans[apart[0]]
+        named = zip(parts, together, strict=True)
+        spans = [(name, own[0].time, own[-1].time) for name, own in named if len(own) > 1]
+        for name, start, end in spans:
+            others = [span for span in spans if span[0] != name]
+            if others and all(end < first or last < start for _, first, last in others):
+                other, first, last = others[0]
                 raise ValueError(
-                    f"{name} has times from {start:.3f} s to {end:.3f} s, and {apart[0]} from "
+                    f"{name} has times from {start:.3f} s to {end:.3f} s, and {other} from "
                     f"{first:.3f} s to {last:.3f} s: they do not overlap; is the clock of one "
                     "another?"
                 )

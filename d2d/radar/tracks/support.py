@@ -8,13 +8,9 @@ from numpy.typing import NDArray
 
 from d2d._types import Array
 
-# Estimates in a row: of a wrong log, one in ten to one in three is accepted by accident, but
-# seldom three in succession.
-_ROW = 3
+_ROW = 3  # estimates: of a wrong log, up to one in three is accepted, seldom three in succession
 _BRIDGED = 1.0, 2.5  # s, and usual intervals, for which a velocity can be interpolated
-# Wrong logs are supported for up to a tenth of their time; a radar of eight targets whose path is
-# right for half of it and more.
-_ENOUGH = 1.0 / 3.0
+_ENOUGH = 1.0 / 3.0  # wrong logs are supported for up to a tenth of their time, right ones for half
 
 
 class Support(NamedTuple):

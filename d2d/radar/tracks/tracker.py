@@ -1,6 +1,5 @@
 """Ego-motion scan by scan, or over the whole log of a drive."""
 
-import sys
 from collections import deque
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
@@ -277,12 +276,16 @@ def _estimator(sensors: int, options: TrackOptions) -> OdometryEstimator:
             if not carry:
                 raise ValueError(f"{name} must be None without carry: bare pairs are not filtered")
     model, scales = split_options(left)
+    if limits is not None and not model.doppler:
+        # all components are determined poorly, and a side slip says nothing about omega
+        free = dict.fromkeys(("yaw_rate_of_slip", "uncertainty", "speed_uncertainty"), np.inf)
+        limits = replace(limits, **free)
     return OdometryEstimator(
         model,
         scales,
         None if initial is None else check_finite("initial", initial, "(3,)"),
         (budget or ErrorBudget()) if carry else None,
-        None if limits is None else limits.for_doppler(model.doppler),
+        limits,
         sensors,
         rates=None if gyro is None else GyroRates(gyro),
     )
@@ -340,11 +343,12 @@ def compile_for(estimator: OdometryEstimator) -> None:
 
 def _counted(rounds: list[Round], progress: bool | None) -> Iterable[Round]:
     """The rounds, with the progress bar that `track` describes."""
-    # a program without a console has no standard error
-    watched = sys.stderr is not None and sys.stderr.isatty() and find_spec("tqdm")
-    if progress is False or (progress is None and not watched):
+    if progress is False or (progress is None and not find_spec("tqdm")):
         return rounds
     from tqdm import tqdm
 
-    bar: Iterable[Round] = tqdm(rounds, unit="estimate", delay=0.0 if progress else _BAR_DELAY)
+    hidden, delay = (
+        (False, 0.0) if progress else (None, _BAR_DELAY)
+    )  # None: if no terminal is there
+    bar: Iterable[Round] = tqdm(rounds, unit="estimate", disable=hidden, delay=delay)
     return bar

@@ -48,7 +48,6 @@ def test_a_side_slip_counts_where_it_may_be_a_yaw_rate():
     assert VehicleLimits().exceeded(State(0.0, theta, apart), None) == ""
     assert VehicleLimits().exceeded(State(0.0, theta, torn), None) == "a side slip of 1.10 m/s"
     assert VehicleLimits(yaw_rate_of_slip=0.4).exceeded(State(0.0, theta, torn), None) == ""
-    assert VehicleLimits().for_doppler(False).exceeded(State(0.0, theta, torn), None) == ""
     vague = State(0.0, np.array([20.0, 0.0, 0.0]), np.diag([0.1, 0.1, 0.2]) ** 2)
     assert VehicleLimits().exceeded(vague, None) == "a yaw rate with a sigma of 11.5 deg/s"
 
