@@ -9,7 +9,7 @@ where [., .] is the bracket of SE(2) (Magnus 1954; Iserles et al. 2000).  For a 
 linear the error is of third order.
 """
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,9 +18,6 @@ from d2d import rigid
 from d2d._checks import check_finite
 from d2d._types import Array
 from d2d.radar.tracks.filter import MEMORY, PERSISTENCE
-
-if TYPE_CHECKING:
-    from d2d.radar.tracks.track import Track
 
 ROUNDED = 1e-6  # s, of times since 1970
 
@@ -43,33 +40,6 @@ class Knots(NamedTuple):
     times: Array  # (m,) s
     theta: Array  # (m, 3)
     errors: Array  # (m, 2, n, n + k), as `Track.errors`
-
-    @classmethod
-    def of(cls, track: "Track") -> "Knots":
-        """Those of a track; without an accepted estimate, its first velocity alone."""
-        times, theta, converged, errors = track.times, track.theta, track.converged, track.errors
-        if errors is None:
-            errors = independent(track.covariance)
-        begin, accepted = times[0] - track.intervals[0], times[converged]
-        if not len(accepted):
-            return cls(np.array([begin]), theta[:1], errors[:1])
-        after = np.searchsorted(accepted, times)
-        ends = np.append(accepted, times[-1])[after]
-        lost = ends - accepted[np.maximum(after - 1, 0)] > MEMORY
-        used = converged | (lost & (times > accepted[0]))
-        known, values = times[used], theta[used]
-        begin = max(begin, known[0] - MEMORY)
-        reach = float(known[0] - begin)
-        later = min(int(np.searchsorted(known, known[0] + reach)), len(known) - 1)
-        ratio = reach / float(known[later] - known[0]) if later else 0.0
-        first = values[0] - ratio * (values[later] - values[0])
-        errors = errors[used]
-        errors[0, 0] = np.eye(*errors.shape[2:])  # the first two have one error
-        return cls(
-            np.append(begin, known),
-            np.vstack([first, values]),
-            np.concatenate([errors[:1], errors]),
-        )
 
     def motions(self, times: Array) -> Array:
         """The twists Omega (n - 1, 3) between times (n,), none of which has a knot in between.

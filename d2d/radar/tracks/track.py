@@ -17,7 +17,8 @@ from d2d._checks import check_finite, check_path, check_real, check_shape
 from d2d._frozen import Frozen
 from d2d._types import Array
 from d2d.radar.files import atomic_write
-from d2d.radar.tracks.path import ROUNDED, Displacement, Knots, chain
+from d2d.radar.tracks.filter import MEMORY
+from d2d.radar.tracks.path import ROUNDED, Displacement, Knots, chain, independent
 from d2d.radar.tracks.plot import draw
 from d2d.radar.tracks.support import Support, support_of
 
@@ -164,7 +165,7 @@ class Track(Frozen):
         for rows in self._segments():
             part = self[rows]
             begun = part.times[0] - part.intervals[0]
-            twists[rows] = Knots.of(part).motions(np.append(begun, part.times))
+            twists[rows] = part._knots().motions(np.append(begun, part.times))
         return chain(rigid.exponential(twists), first)
 
     def at(self, times: ArrayLike) -> Velocities:
@@ -212,11 +213,36 @@ class Track(Frozen):
             )
         motion, covariance = np.full((len(begins), 3), np.nan), np.full((len(begins), 3, 3), np.nan)
         if len(self):
-            knots = Knots.of(self)
+            knots = self._knots()
             for own in np.unique(begins):
                 same = np.flatnonzero(begins == own)
                 motion[same], covariance[same] = knots.displacement(float(own), ends[same])
         return Displacement(motion, covariance)
+
+    def _knots(self) -> Knots:
+        """The knots of the path; without an accepted estimate, the first velocity alone."""
+        times, converged = self.times, self.converged
+        errors = independent(self.covariance) if self.errors is None else self.errors
+        begin, accepted = times[0] - self.intervals[0], times[converged]
+        if not len(accepted):
+            return Knots(np.array([begin]), self.theta[:1], errors[:1])
+        after = np.searchsorted(accepted, times)
+        ends = np.append(accepted, times[-1])[after]
+        lost = ends - accepted[np.maximum(after - 1, 0)] > MEMORY
+        used = converged | (lost & (times > accepted[0]))
+        known, values = times[used], self.theta[used]
+        begin = max(begin, known[0] - MEMORY)
+        reach = float(known[0] - begin)
+        later = min(int(np.searchsorted(known, known[0] + reach)), len(known) - 1)
+        ratio = reach / float(known[later] - known[0]) if later else 0.0
+        first = values[0] - ratio * (values[later] - values[0])
+        errors = errors[used]
+        errors[0, 0] = np.eye(*errors.shape[2:])  # the first two have one error
+        return Knots(
+            np.append(begin, known),
+            np.vstack([first, values]),
+            np.concatenate([errors[:1], errors]),
+        )
 
     @property
     def systematic(self) -> Array | None:
@@ -332,7 +358,22 @@ class Track(Frozen):
         probability of 95 % (`displacement`).  An inlier share that is not known is left out.
         Matplotlib must be installed.
         """
-        return draw(self)
+        estimates = (self.times, self.theta, self.covariance, self.converged, self.inliers)
+        return draw(self.poses(), *estimates, self._regions())
+
+    def _regions(self) -> Array:
+        """Outlines (m, 60, 2) of the ellipses along the path; none without a budget."""
+        accepted = self.times[self.converged]
+        if self.errors is None or not len(accepted):
+            return np.empty((0, 60, 2))
+        ends = np.unique(accepted[np.linspace(0, len(accepted) - 1, 9).astype(int)[1:]])
+        began = self.times[0] - self.intervals[0]
+        motion, covariance = self.displacement(np.full(len(ends), began), ends)
+        known = np.isfinite(motion).all(axis=1)
+        angle = np.linspace(0.0, 2.0 * np.pi, 60)
+        circle = np.sqrt(-2.0 * np.log(0.05)) * np.stack([np.cos(angle), np.sin(angle)])
+        spread = np.linalg.cholesky(covariance[known, :2, :2]) @ circle
+        return np.asarray(motion[known, None, :2] + np.swapaxes(spread, -1, -2))
 
     def __repr__(self) -> str:
         """Number of estimates and share of those accepted; the arrays would fill the screen."""
