@@ -13,7 +13,7 @@ from typing import NamedTuple, Unpack
 import numpy as np
 
 from d2d import rigid
-from d2d._checks import check_instance
+from d2d._checks import check_instance, check_shape
 from d2d._kernel.errors import add_dependence, add_positions
 from d2d._types import Array
 from d2d.covariance import check_estimate, in_coordinates
@@ -56,11 +56,7 @@ def propagate_ego_motion(
         The fields of `EgoMotionModel`.
     """
     check_instance("estimate", estimate, Estimate)
-    if np.shape(estimate.theta) != (3,):
-        raise ValueError(
-            "estimate must be of one velocity with the shape (3,), but its theta has "
-            f"{np.shape(estimate.theta)}"
-        )
+    check_shape("estimate.theta", estimate.theta, "(3,)")
     pairs = scan_pairs(previous, current, mounting)
     problem = problem_of(pairs, EgoMotionModel(**options))
     check_estimate(estimate, problem, problem.bind(rigid.motion("estimate", estimate.theta, 2)))

@@ -63,7 +63,17 @@ class Reference:
             raise ValueError("stamps must be strictly increasing, but are not")
         reach = _HALF_WIDTH.number("half_width", half_width)
         placed = np.column_stack([placed[:, :2], np.unwrap(placed[:, 2])])
-        value, slope = _parabolas(known, placed, wanted, reach)
+        value, slope = np.full((2, len(wanted), 3), np.nan)
+        # rounding must not decide whether poses that are half_width away are in reach
+        first = np.searchsorted(known, wanted - reach - _ROUNDING)
+        last = np.searchsorted(known, wanted + reach + _ROUNDING, side="right")
+        for i, (low, high) in enumerate(zip(first, last, strict=True)):
+            if high - low < _MIN_POSES or not known[low] <= wanted[i] <= known[high - 1]:
+                continue
+            powers = np.vander((known[low:high] - wanted[i]) / reach, 3)
+            origin = placed[low]  # coordinates in a map are large, displacements in reach small
+            fit = np.linalg.lstsq(powers, placed[low:high] - origin, rcond=None)[0]
+            value[i], slope[i] = fit[2] + origin, fit[1] / reach
         turned = rigid.rotation(-value[:, 2]) @ slope[:, :2, None]
         return cls(wanted, np.column_stack([turned[..., 0], slope[:, 2]]), value)
 
@@ -80,17 +90,12 @@ class Reference:
         after = np.clip(np.searchsorted(self.times, wanted), 0, len(self.times) - 1)
         before = np.maximum(after - (self.times[after] != wanted), 0)
         hole = self.times[after] - self.times[before] > max_gap + _ROUNDING
-
-        def between(values: Array) -> Array:
-            columns = [
-                np.interp(wanted, self.times, c, left=np.nan, right=np.nan) for c in values.T
-            ]
-            return np.where(hole[:, None], np.nan, np.column_stack(columns))
-
-        poses = self.poses.copy()
-        known = np.isfinite(poses[:, 2])
-        poses[known, 2] = np.unwrap(poses[known, 2])  # half way from pi to -pi is not zero
-        return Reference(wanted, between(self.theta), between(poses))
+        rows = np.column_stack([self.theta, self.poses])
+        known = np.isfinite(rows[:, 5])
+        rows[known, 5] = np.unwrap(rows[known, 5])  # half way from pi to -pi is not zero
+        found = [np.interp(wanted, self.times, c, left=np.nan, right=np.nan) for c in rows.T]
+        theta, poses = np.where(hole, np.nan, found).reshape(2, 3, -1).swapaxes(1, 2).copy()
+        return Reference(wanted, theta, poses)
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,20 +128,3 @@ class SlipLaw(Bounded):
         """v_y (...) in m/s of v_x (...) in m/s and omega (...) in rad/s."""
         v_x, omega = np.asarray(forward), np.asarray(yaw_rate)
         return np.asarray((self.ahead - self.compliance * v_x**2) * omega)
-
-
-def _parabolas(stamps: Array, poses: Array, times: Array, half_width: float) -> tuple[Array, Array]:
-    """Values and slopes, each (m, 3), of the parabolas fitted around each time."""
-    fitted = np.full((2, len(times), 3), np.nan)
-    # rounding must not decide whether poses that are half_width away are in reach
-    reach = half_width + _ROUNDING
-    first = np.searchsorted(stamps, times - reach)
-    last = np.searchsorted(stamps, times + reach, side="right")
-    for i, (low, high) in enumerate(zip(first, last, strict=True)):
-        if high - low < _MIN_POSES or not stamps[low] <= times[i] <= stamps[high - 1]:
-            continue
-        distance = (stamps[low:high] - times[i]) / half_width
-        origin = poses[low]  # coordinates in a map are large, displacements within reach small
-        fit = np.linalg.lstsq(np.vander(distance, 3), poses[low:high] - origin, rcond=None)[0]
-        fitted[:, i] = fit[2] + origin, fit[1] / half_width
-    return fitted[0], fitted[1]

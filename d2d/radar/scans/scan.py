@@ -207,10 +207,9 @@ class RadarScan(Frozen):
             raise ValueError("x and y must not both be zero, but a target is at the sensor")
         size, distance = len(across), np.hypot(across, up)
         axes = 2 if z is None else 3
-        sight = np.column_stack([ahead, left, up])[:, :axes] / distance[:, None]
-        sideways = np.column_stack([-left, ahead, 0.0 * up])[:, :axes] / across[:, None]
-        rising = np.column_stack([-up * ahead, -up * left, across**2])[:, :axes]
-        rising /= (across * distance)[:, None]
+        sight = np.column_stack([ahead, left, up]) / distance[:, None]
+        sideways = np.column_stack([-left, ahead, 0.0 * up]) / across[:, None]
+        frame = np.stack([sight, sideways, np.cross(sight, sideways)])[..., :axes]
         spread = np.zeros((size, axes, axes))
         if covariance is not None:
             given = check_covariances("covariance", covariance)
@@ -218,16 +217,14 @@ class RadarScan(Frozen):
             spread += given
         if grid is not None:
             spread += quantisation_sigma(grid, "grid") ** 2 * np.eye(axes)
-        along, beside, above = (
-            np.einsum("ki,kij,kj->k", d, spread, d) for d in (sight, sideways, rising)
-        )
+        along, beside, above = np.einsum("dki,kij,dkj->dk", frame, spread, frame)
         rounding = 0.0 if step is None else quantisation_sigma(step, "step")
         raised = np.sqrt(_variance("sigma_elevation", sigma_elevation, size) + above / distance**2)
         return cls(
             time,
             distance,
             np.arctan2(left, ahead),
-            _radial(doppler, velocity, sight),
+            _radial(doppler, velocity, sight[:, :axes]),
             np.sqrt(_variance("sigma_range", sigma_range, size) + along),
             np.sqrt(_variance("sigma_azimuth", sigma_azimuth, size) + beside / across**2),
             np.sqrt(_variance("sigma_doppler", sigma_doppler, size) + rounding**2),
