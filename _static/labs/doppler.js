@@ -51,16 +51,16 @@ labs.define(
     const fan = lab.plot({
       label: "Doppler velocity over azimuth",
       xlabel: "azimuth (°), left is positive",
-      ylabel: "Doppler velocity (m/s)",
+      ylabel: "Doppler (m/s)",
       shape: 0.75,
-      narrow: 0.46,
+      narrow: 0.38,
     });
     const top = lab.plot({
       label: "The scan from above",
       xlabel: "x (m), ahead",
       ylabel: "y (m), left",
       shape: 0.75,
-      narrow: 0.46,
+      narrow: 0.38,
       equal: true,
     });
 
@@ -298,7 +298,7 @@ labs.define(
           html("span", {}, "hollow: does not agree"),
         ),
         bar(
-          lab.slider("speed", { label: "speed of the mover", min: 0, max: 10, step: 0.1, show: speed }),
+          lab.slider("speed", { label: "mover’s speed", min: 0, max: 10, step: 0.1, show: speed }),
           lab.slider("heading", {
             label: "its direction",
             min: -180,

@@ -142,7 +142,7 @@ globalThis.labs = (() => {
     /** Lay out for the box's present width and draw the axes. */
     extent(x, y) {
       const width = Math.max(150, this.box.clientWidth || 600);
-      const height = Math.max(150, Math.round(width * (phone.matches ? this.narrow : this.shape)));
+      const height = Math.max(130, Math.round(width * (phone.matches ? this.narrow : this.shape)));
       const left = MARGIN.left,
         top = MARGIN.top,
         w = width - left - MARGIN.right,
