@@ -17,8 +17,14 @@ from d2d.radar.readers.odometry import load_reference
 from d2d.radar.readers.radarscenes import load_radarscenes
 from d2d.radar.scans.budget import ErrorBudget
 from d2d.radar.scans.reference import Recording, Reference, SlipLaw
-from d2d.radar.scans.scan import Mounting, RadarScan, doppler_velocity, quantisation_sigma
-from d2d.radar.scans.undone import over_ground_undone, unfolded
+from d2d.radar.scans.scan import (
+    Mounting,
+    RadarScan,
+    doppler_velocity,
+    over_ground_undone,
+    quantisation_sigma,
+    unfolded,
+)
 from d2d.radar.simulation.drive import Drive, Sensor, SensorErrors, TrueTargets, simulate_drive
 from d2d.radar.simulation.world import World, build_world
 from d2d.radar.tracks.estimator import VelocityEstimate

@@ -2,12 +2,14 @@
 
 from __future__ import annotations  # so that help() shows ArrayLike, not all that it is
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
 
 from d2d import rigid
 from d2d._checks import (
@@ -351,7 +353,7 @@ def level(scan: RadarScan, mounting: Mounting) -> tuple[RadarScan, Mounting]:
     """
     if not (mounting.pitch or mounting.roll or scan.elevation.any()):
         return scan, mounting
-    turn = _turn(1, mounting.pitch) @ _turn(0, mounting.roll)
+    turn = Rotation.from_euler("xy", [mounting.roll, mounting.pitch]).as_matrix()
     sight = turn @ _sight(scan.azimuth, scan.elevation)
     seen = np.hypot(*sight[:2]) > _STEEPEST
     if not seen.all():
@@ -388,13 +390,6 @@ def _sight(azimuth: Array, elevation: Array | float = 0.0) -> Array:
     across = np.cos(elevation)
     up = np.sin(elevation) * np.ones_like(azimuth)
     return np.stack([across * np.cos(azimuth), across * np.sin(azimuth), up])
-
-
-def _turn(axis: int, angle: float) -> Array:
-    """The rotation matrix (3, 3) about one of the axes."""
-    turn, others = np.eye(3), [(axis + 1) % 3, (axis + 2) % 3]
-    turn[np.ix_(others, others)] = rigid.rotation(angle)
-    return turn
 
 
 @lru_cache(maxsize=64)
@@ -444,3 +439,28 @@ def doppler_velocity(theta: ArrayLike, azimuth: ArrayLike, mounting: Mounting) -
     check_shape("azimuth", gain[..., 0], "(..., K)")
     broadcast_batches("theta and azimuth", motion.shape[:-1], gain.shape[:-2])
     return np.asarray(np.einsum("...kp,...p->...k", gain, motion))
+
+
+def over_ground_undone(
+    scans: Sequence[RadarScan], theta: Array, mounting: Mounting
+) -> list[RadarScan]:
+    """Scans as measured, of a sensor that compensated its motion by velocities (n, 3) ``theta``."""
+    return [
+        replace(scan, doppler=scan.doppler + doppler_velocity(velocity, scan.azimuth, mounting))
+        for scan, velocity in zip(scans, theta, strict=True)
+    ]
+
+
+def unfolded(
+    scans: Sequence[RadarScan], theta: Array, mounting: Mounting, limit: float
+) -> list[RadarScan]:
+    """Unfold Doppler velocities from +-``limit`` (m/s), to the values nearest to static targets'.
+
+    Velocities (n, 3) of the vehicle need not be exact: to within ``limit`` is enough.
+    """
+    cured = []
+    for scan, velocity in zip(scans, theta, strict=True):
+        gap = doppler_velocity(velocity, scan.azimuth, mounting) - scan.doppler
+        folds = 2.0 * limit * np.round(gap / (2.0 * limit))
+        cured.append(replace(scan, doppler=scan.doppler + folds))
+    return cured

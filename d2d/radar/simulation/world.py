@@ -215,11 +215,10 @@ def _strengths(rng: np.random.Generator, kind: str, count: int) -> Array:
     return np.asarray(median * 10.0 ** (0.1 * spread * rng.standard_normal(count)))
 
 
-def _outline(frames: Array, length: Array, width: Array) -> Array:
-    """Corners (n, 4, 2) of rectangles centred at frames (n, 3), with the length along x."""
+def _outline(frames: Array, sizes: Array) -> Array:
+    """Corners (n, 4, 2) of rectangles centred at frames (n, 3), of sizes (n, 2) along x and y."""
     unit = 0.5 * np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
-    local = unit * np.stack([length, width], axis=-1)[:, None]
-    return rigid.transform_means(frames, local)
+    return rigid.transform_means(frames, unit * sizes[:, None])
 
 
 def _offset(along: Array, aside: Array) -> Array:
@@ -231,34 +230,29 @@ def _offset(along: Array, aside: Array) -> Array:
 
 def _buildings(rng: np.random.Generator) -> Array:
     """Rows of houses, 8 m deep, along both sides of the street, none too near to another part."""
-    frames, lengths = [], []
+    rows = []
     for side, setbacks in ((-1.0, (6.0, 9.0)), (1.0, (9.0, 11.0))):
         along = 0.0
         while along < LAP:
             length, gap = rng.uniform(10.0, 25.0), rng.uniform(2.0, 8.0)
             aside = side * (rng.uniform(*setbacks) + 4.0)
-            frames.append(_offset(np.array([along + 0.5 * length]), np.array([aside]))[0])
-            lengths.append(length)
+            rows.append((along + 0.5 * length, aside, length, 8.0))
             along += length + gap
-    outlines = _outline(np.array(frames), np.array(lengths), np.full(len(lengths), 8.0))
+    table = np.array(rows)
+    frames, sizes = _offset(table[:, 0], table[:, 1]), table[:, 2:]
     street = lap_poses(np.arange(0.0, LAP, 0.5))[:, :2]
-    half = 0.5 * np.stack([lengths, np.full(len(lengths), 8.0)], axis=-1)
-    beside = np.abs(rigid.transform_means(rigid.inverse(np.array(frames)), street))
-    gaps = np.linalg.norm(np.maximum(beside - half[:, None], 0.0), axis=-1).min(axis=1)
-    return np.asarray(outlines[gaps > _CLEARANCE])
+    beside = np.abs(rigid.transform_means(rigid.inverse(frames), street))
+    gaps = np.linalg.norm(np.maximum(beside - 0.5 * sizes[:, None], 0.0), axis=-1).min(axis=1)
+    return _outline(frames[gaps > _CLEARANCE], sizes[gaps > _CLEARANCE])
 
 
 def _parked_cars(rng: np.random.Generator) -> Array:
     """Outlines of cars, 4.4 m by 1.8 m, parked along the straight parts of the street."""
     slots = np.arange(0.0, LAP, 6.0)
     slots = slots[np.abs(lap_curvature(slots)) < 1e-3]
-    frames = np.concatenate(
-        [
-            _offset(taken := slots[rng.random(len(slots)) < 0.35], np.full(len(taken), aside))
-            for aside in _PARKED
-        ]
-    )
-    return _outline(frames, np.full(len(frames), 4.4), np.full(len(frames), 1.8))
+    side, slot = np.nonzero(rng.random((len(_PARKED), len(slots))) < 0.35)
+    frames = _offset(slots[slot], np.array(_PARKED)[side])
+    return _outline(frames, np.tile([4.4, 1.8], (len(frames), 1)))
 
 
 def _along_outlines(
