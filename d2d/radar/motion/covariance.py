@@ -20,7 +20,7 @@ from d2d.covariance import check_estimate, in_coordinates
 from d2d.point_set import PointSet
 from d2d.problem import Estimate, Pair, Problem
 from d2d.radar.motion.model import EgoMotionModel, ModelOptions
-from d2d.radar.motion.pairs import ScanPair, bracket, following, middle_of, problem_of, scan_pairs
+from d2d.radar.motion.pairs import ScanPair, following, middle_of, problem_of, scan_pairs
 from d2d.radar.scans.budget import ErrorBudget
 from d2d.radar.scans.scan import Mounting, RadarScan, cross_range
 
@@ -198,6 +198,8 @@ def apply_budget(
     inliers, seen = problem.inlier_shares(problem.bind(estimate.theta)), 0
     noise, delayed, led = np.zeros((3, 3, 3))
     common = middle_of(pairs)
+    v_x, v_y, omega = estimate.theta.tolist()
+    bracket = np.array([[0.0, -omega, v_y], [omega, 0.0, -v_x], [0.0, 0.0, 0.0]])
     columns = []  # of each pair (3, 3): by its azimuth, its Doppler and the scale error
     for given, pair, (before, now) in zip(pairs, problem.pairs, found, strict=True):
         own = inliers[seen : (seen := seen + pair.moving.size)]
@@ -221,7 +223,7 @@ def apply_budget(
         share = -pair.interval * moved
         # with [., .] the bracket of SE(2), a constant acceleration a moves a vehicle that turns by
         # exp(tau (theta + tau^2 / 12 [theta, a])), theta that in the middle (Magnus 1954)
-        mean = pair.interval**2 / 12.0 * bracket(estimate.theta)
+        mean = pair.interval**2 / 12.0 * bracket
         late = (given.middle - time) * np.eye(3) + mean
         delayed += share @ following(pair.interval * estimate.theta) @ late
         led -= (given.middle - common) * share @ following(pair.interval * near)

@@ -119,15 +119,9 @@ def problem_of(
 def following(motion: Array) -> Array:
     """The small motion (3, 3) that follows exp(motion) if a small twist is added to the motion.
 
-    The right Jacobian of SE(2) to second order, I - b / 2 + b^2 / 6 with the `bracket` b.
+    The right Jacobian of SE(2) to second order, I - b / 2 + b^2 / 6 with b = [motion, .].
     """
     x, y, turn = motion.tolist()
     along, across = turn * x / 6.0 - 0.5 * y, turn * y / 6.0 + 0.5 * x
     both = 1.0 - turn * turn / 6.0
     return np.array([[both, 0.5 * turn, along], [-0.5 * turn, both, across], [0.0, 0.0, 1.0]])
-
-
-def bracket(theta: Array) -> Array:
-    """The matrix (3, 3) of [theta, .] in SE(2)."""
-    v_x, v_y, omega = theta.tolist()
-    return np.array([[0.0, -omega, v_y], [omega, 0.0, -v_x], [0.0, 0.0, 0.0]])

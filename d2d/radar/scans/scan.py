@@ -212,6 +212,11 @@ class RadarScan(Frozen):
         sight = np.column_stack([ahead, left, up]) / distance[:, None]
         sideways = np.column_stack([-left, ahead, 0.0 * up]) / across[:, None]
         frame = np.stack([sight, sideways, np.cross(sight, sideways)])[..., :axes]
+        if velocity is not None and doppler is None:
+            vectors = check_finite("velocity", velocity, f"({size}, {axes})", like="x")
+            doppler = np.einsum("ki,ki->k", vectors, frame[0])
+        elif velocity is not None or doppler is None:
+            raise ValueError("either doppler or velocity must be given, and not both")
         spread = np.zeros((size, axes, axes))
         if covariance is not None:
             given = check_covariances("covariance", covariance)
@@ -226,7 +231,7 @@ class RadarScan(Frozen):
             time,
             distance,
             np.arctan2(left, ahead),
-            _radial(doppler, velocity, sight[:, :axes]),
+            doppler,
             np.sqrt(_variance("sigma_range", sigma_range, size) + along),
             np.sqrt(_variance("sigma_azimuth", sigma_azimuth, size) + beside / across**2),
             np.sqrt(_variance("sigma_doppler", sigma_doppler, size) + rounding**2),
@@ -322,16 +327,6 @@ def quantisation_sigma(step: float, name: str = "step") -> float:
     return float(_STEP.number(name, step) / np.sqrt(12.0))
 
 
-def _radial(doppler: ArrayLike | None, velocity: ArrayLike | None, sight: Array) -> Array:
-    """The Doppler velocities (K,), or velocities (K, 2) projected onto the line of sight."""
-    if doppler is not None and velocity is None:
-        return check_finite("doppler", doppler)
-    if doppler is not None or velocity is None:
-        raise ValueError("either doppler or velocity must be given, and not both")
-    vectors = check_finite("velocity", velocity, str(sight.shape), like="x")
-    return np.asarray(np.einsum("ki,ki->k", vectors, sight))
-
-
 def _variance(name: str, sigma: ArrayLike, size: int) -> Array:
     """Squares of standard deviations, which may be zero where other errors add to them."""
     array = NOT_NEGATIVE.array(name, sigma)
@@ -396,14 +391,9 @@ def _sight(azimuth: Array, elevation: Array | float = 0.0) -> Array:
 def _placed(scan: RadarScan, mounting: Mounting) -> PointSet:
     """The scan's point set; the latest are cached, because a drive uses each in several pairs."""
     polar = scan.range, scan.sigma_range, scan.sigma_azimuth
-    origin = np.array([mounting.x, mounting.y])
-    return PointSet._of_polar(polar, directions(scan, mounting), scan.extent, origin)
-
-
-def directions(scan: RadarScan, mounting: Mounting) -> tuple[Array, Array]:
-    """Cosine and sine (K,) of each target's azimuth in the vehicle frame."""
-    angle = scan.azimuth + mounting.yaw
-    return read_only(np.cos(angle), -1), read_only(np.sin(angle), -1)
+    angle, origin = scan.azimuth + mounting.yaw, np.array([mounting.x, mounting.y])
+    direction = read_only(np.cos(angle), -1), read_only(np.sin(angle), -1)
+    return PointSet._of_polar(polar, direction, scan.extent, origin)
 
 
 @lru_cache(maxsize=64)
