@@ -349,28 +349,22 @@ def level(scan: RadarScan, mounting: Mounting) -> tuple[RadarScan, Mounting]:
     if not (mounting.pitch or mounting.roll or scan.elevation.any()):
         return scan, mounting
     turn = Rotation.from_euler("xy", [mounting.roll, mounting.pitch]).as_matrix()
-    sight = turn @ _sight(scan.azimuth, scan.elevation)
-    seen = np.hypot(*sight[:2]) > _STEEPEST
+    to_plane = turn[0] + 1.0j * turn[1]  # x and y as a complex number
+    sight = to_plane @ _sight(scan.azimuth, scan.elevation)
+    seen = np.abs(sight) > _STEEPEST
     if not seen.all():
-        scan, sight = scan[seen], sight[:, seen]
-    share = np.hypot(*sight[:2])
-    ahead = sight[:2] / share
-    aside = np.stack([-ahead[1], ahead[0]])
-    # what a standard deviation of azimuth and elevation adds to the direction w
-    moved = [
-        (turn @ by)[:2] * sigma
-        for by, sigma in (
-            (np.cos(scan.elevation) * _sight(scan.azimuth + 0.5 * np.pi), scan.sigma_azimuth),
-            (_sight(scan.azimuth, scan.elevation + 0.5 * np.pi), scan.sigma_elevation),
-        )
-    ]
-    of_share, of_direction = (
-        np.hypot(*((axis * by).sum(axis=0) for by in moved)) for axis in (ahead, aside)
-    )
+        scan, sight = scan[seen], sight[seen]
+    share = np.abs(sight)
+    aside = np.cos(scan.elevation) * _sight(scan.azimuth + 0.5 * np.pi)
+    above = _sight(scan.azimuth, scan.elevation + 0.5 * np.pi)
+    # what a standard deviation of azimuth and elevation adds along and across the direction
+    moved = to_plane @ np.stack([aside, above]) * [scan.sigma_azimuth, scan.sigma_elevation]
+    moved *= sight.conj() / share
+    of_share, of_direction = np.hypot(*moved.real), np.hypot(*moved.imag)
     flat = RadarScan(
         scan.time,
         scan.range * share,
-        np.arctan2(sight[1], sight[0]),
+        np.angle(sight),
         scan.doppler / share,
         np.hypot(scan.sigma_range * share, scan.range * of_share),
         of_direction / share,
