@@ -246,13 +246,11 @@ def _overlap(points: PointSet) -> NDArray[np.bool_]:
 def _explains_better(one: Estimate, other: Estimate) -> NDArray[np.bool_]:
     """Whether the inliers of an optimum fit clearly better than those of another."""
     # Without an outlier model, the squared distances of all targets are in the cost.
-    unknown = np.isnan(one.inliers)
     better = one.fit < _BETTER_FIT * np.nan_to_num(other.fit, nan=np.inf)
-    return np.asarray(unknown | better)
+    return np.asarray(np.isnan(one.inliers) | better)
 
 
 def _lower(one: Estimate, other: Estimate, allowed: NDArray[np.bool_] | bool = True) -> Estimate:
     """The other optima where allowed and of lower cost, else the one; the iterations of both."""
-    lower = allowed & ((other.value < one.value) | ~np.isfinite(one.value))
-    merged = where(np.asarray(lower), other, one)
-    return replace(merged, iterations=one.iterations + other.iterations)
+    lower = np.asarray(allowed & ((other.value < one.value) | ~np.isfinite(one.value)))
+    return replace(where(lower, other, one), iterations=one.iterations + other.iterations)
