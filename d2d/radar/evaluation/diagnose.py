@@ -39,7 +39,7 @@ _TURNED, _GROSS, _BACKWARDS = np.deg2rad([1.5, 15.0, 165.0])
 _SURE = 4.0  # standard deviations of a heading
 _SQUARE = np.deg2rad(8.0)  # from a right angle
 _LATE, _LIKELIER, _USELESS = 0.07, 12.5, 0.2  # s, nats, s between clocks
-_AGREED, _TRAFFIC = 0.6, 0.4  # shares: range rates that are right, targets of one motion
+_AGREED, _TRAFFIC = 0.6, 0.6  # shares: range rates that are right, targets of one motion
 _CONTRARY = 10.0  # ANEES between two sensors; real ones have up to 3 with their budget
 _SHOWN = 3  # stretches without estimates
 

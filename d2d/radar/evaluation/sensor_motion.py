@@ -20,7 +20,7 @@ _LEVER = 0.3, 0.5  # m, and of the sensor's distance from the origin: a lever ar
 _UNKNOWN = np.deg2rad(0.5)  # least error of a heading in bends whose yaw rate is not known
 _AGREED = 0.1, 0.3  # relative and in m/s: a speed that a supported track and its sensor share
 
-_FEW, _WAITED = 10, (1.0, 0.3)  # targets, s until a later scan of few targets, and of more
+_WAITED = 1.0  # s until a later scan: traffic ahead is slow beside its radar
 _DRIFT, _CHANGED = 0.05, 5.0  # rad that targets ahead move aside until then; m/s^2
 
 _LAG_STEP, _LAGS = 0.05, 20.0  # s, of the lags between two clocks, and the longest
@@ -107,8 +107,7 @@ def range_rates_agree(scans: Sequence[RadarScan]) -> float:
     """
     times = np.array([scan.time for scan in scans])
     usual = float(np.median(np.diff(times))) if len(times) > 1 else 1.0
-    few = np.median([scan.size for scan in scans]) <= _FEW
-    apart = max(1, round((_WAITED[0] if few else _WAITED[1]) / max(usual, 1e-3)))
+    apart = max(1, round(_WAITED / max(usual, 1e-3)))
     agreed = []
     for first, second in zip(scans, scans[apart:], strict=False):
         passed = second.time - first.time

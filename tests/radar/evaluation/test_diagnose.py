@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from d2d.radar import ErrorBudget, diagnose, track
+from d2d.radar import ErrorBudget, Mounting, RadarScan, diagnose, track
 from d2d.study.guides.logs import FAULTS, VEHICLES, Log, right_log
 
 DEGREE = np.deg2rad(1.0)
@@ -113,6 +113,21 @@ def test_azimuths_to_leave_out_are_named():
     (found,) = findings(faulty("azimuths distorted", log("car", 1, 20.0, 80)))
     above = float(found.about.split("above ")[1].split()[0])
     assert 8.0 < above < 20.0
+
+
+def test_traffic_alone_is_no_wrong_unit():
+    """Breaks if vehicles that drive along are taken for km/h, or for a turned mounting."""
+    rng = np.random.default_rng(0)
+    speed, ahead, left = (rng.uniform(*ends, 6) for ends in ((-2, 2), (15, 60), (-8, 8)))
+    scans = []
+    for time in np.arange(0.0, 20.0, 0.05):
+        x = np.repeat(ahead + 2.0 * speed * np.sin(0.5 * time), 2) + np.tile([0.0, 1.5], 6)
+        y, v_x = np.repeat(left, 2), np.repeat(speed * np.cos(0.5 * time), 2)
+        measured = np.stack([np.hypot(x, y), np.arctan2(y, x), v_x * x / np.hypot(x, y)])
+        measured += np.array([[0.1], [0.009], [0.06]]) * rng.standard_normal((3, 12))
+        scans.append(RadarScan(time, *measured, 0.15, 0.009, 0.06))
+    (found,) = findings((scans, Mounting(3.7)))
+    assert found.symptom == "most targets move"
 
 
 def test_a_stretch_without_estimates_has_its_times():
