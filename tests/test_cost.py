@@ -59,10 +59,7 @@ def assert_is_the_cost(problem: Problem, curved: float = 1e-8) -> None:
 
 @CASES
 def test_derivatives_equal_those_of_the_formulas(case):
-    """Breaks if gradient or Hessian leave out a term, such as the covariance's own rotation.
-
-    Also if the caller's theta is used as memory.
-    """
+    """Breaks if gradient or Hessian leave out a term, such as the covariance's own rotation."""
     for layout in LAYOUTS:
         problem = random_problem(np.random.default_rng(4), layout=layout, **case)
         before = problem.theta.copy()
@@ -110,10 +107,7 @@ def test_derivatives_at_any_angle():
 
 @pytest.mark.parametrize("outlier", OUTLIERS)
 def test_inlier_probabilities_are_the_inliers_share(outlier):
-    """Breaks if a share leaves [0, 1], is that of the outliers, or is not 1 without a model.
-
-    Shares below 2e-16 count as none.
-    """
+    """Breaks if a share leaves [0, 1], is that of the outliers, or is not 1 without a model."""
     for dimension, layout, size in product((1, 2), LAYOUTS, ((5, 4), (30, 17))):
         problem = random_problem(
             np.random.default_rng(5),

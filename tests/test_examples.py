@@ -16,10 +16,7 @@ WITH_EXAMPLES = sorted(
 
 @pytest.mark.parametrize("module", WITH_EXAMPLES)
 def test_examples_print_what_they_say(module):
-    """Breaks if a number of a docstring is out of date, or an example is not found.
-
-    Rounded numbers only: the examples are compared on every machine.
-    """
+    """Breaks if a number of a docstring is out of date, or an example is not found."""
     found = doctest.DocTestFinder().find(importlib.import_module(module), module)
     assert any(test.examples for test in found)
     for test in found:

@@ -74,10 +74,7 @@ def test_far_from_the_origin_is_as_near_it(cost, origins):
 
 
 def test_a_batch_near_and_far_is_its_problems_one_by_one():
-    """Breaks if one far set moves the origin of all, or batch axes meet the wrong origins.
-
-    Also if the caller's starts are overwritten.
-    """
+    """Breaks if one far set moves the origin of all, or batch axes meet the wrong origins."""
     fixed, moving = scene(batch=(3,))
     shift = np.array([[0.0, 0.0], [4e5, 1e5], [1e7, 1e7]])[:, None]
     far = [PointSet(each.means + shift, each.covariances) for each in (fixed, moving)]

@@ -108,10 +108,7 @@ def doppler(
 
 
 def honestly_converged(problem: Problem) -> int:
-    """How many converge; checks that what is said of each belongs together.
-
-    None may be worse than its start.
-    """
+    """How many converge; checks that what is said of each belongs together."""
     estimate = register(
         problem.fixed,
         problem.moving,
@@ -172,10 +169,7 @@ def costs(outlier: str, seed: int) -> Iterator[tuple[int, Any, Any, np.random.Ge
 
 @CASES
 def test_no_result_is_dishonest(outlier):
-    """Breaks on nan with converged=True, a covariance that is none, or a cost above the start's.
-
-    1500 registrations for each of 40 costs.
-    """
+    """Breaks on nan with converged=True, a covariance that is none, or a cost above the start's."""
     for dimension, metric, fusion, rng in costs(outlier, 0):
         converged = 0
         for _ in range(ROUNDS):

@@ -144,10 +144,7 @@ def test_estimates_are_those_of_the_plain_sums(layout, outlier, monkeypatch):
 
 
 def test_lists_that_are_kept_miss_nothing():
-    """Breaks if the margin of a list is too small for the steps or the rotation of a descent.
-
-    Each descent is followed step by step, with lists that are kept and with ones found anew.
-    """
+    """Breaks if the margin of a list is too small for the steps or the rotation of a descent."""
     for seed in range(20):
         fixed, moving = scene(uniform, 100, seed)
         rng = np.random.default_rng(seed)

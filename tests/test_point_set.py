@@ -24,10 +24,7 @@ def cartesian(polar: np.ndarray) -> np.ndarray:
 @few
 @given(st.lists(st.tuples(RANGES, ANGLES, SIGMA_RANGES, SIGMA_ANGLES), min_size=1, max_size=5))
 def test_polar_covariance_is_the_propagated_one(targets):
-    """Breaks if the columns of J do not stand in the order of the variances, or r is left out.
-
-    Also if from_polar makes what the constructor itself would refuse.
-    """
+    """Breaks if the columns of J do not stand in the order of the variances, or r is left out."""
     columns = np.array(targets).T
     points = PointSet.from_polar(*columns)
     for k, (r, phi, sigma_r, sigma_phi) in enumerate(targets):

@@ -86,10 +86,7 @@ def scene(
     measured: str = "",
     count: int = 7,
 ) -> Problem:
-    """Noisy copies of ``count`` targets, two of them without a partner, seen from two poses.
-
-    ``theta`` is the true motion.
-    """
+    """Noisy copies of ``count`` targets, two of them without a partner, seen from two poses."""
     rng = np.random.default_rng(seed)
     parameters = rigid.PARAMETERS[dimension]
     theta = np.array([1.5, -0.8, 0.2])[:parameters]
@@ -254,10 +251,7 @@ def test_a_schedule_keeps_a_good_start_on_walls(sigma):
 
 
 def test_multi_start_is_the_best_of_its_starts_for_every_problem():
-    """Breaks if another problem's best start is picked, or one that did not converge.
-
-    Also if the axis of the starts is matched with a batch axis of a set or a measurement.
-    """
+    """Breaks if another problem's best start is picked, or one that did not converge."""
     problem = scene(35, outlier="corrupted", measured="motion")
     f, m, z = problem.fixed, problem.moving, problem.measurement
     rng = np.random.default_rng(36)
@@ -333,10 +327,7 @@ def test_a_batch_is_its_problems_one_by_one_in_any_number_of_threads(scales):
 
 
 def test_batch_axes_of_sets_starts_and_measurements_broadcast():
-    """Breaks if the batch axes are flattened in another order than they are unfolded.
-
-    Also if one problem comes back as a batch of one, or the caller's starts are overwritten.
-    """
+    """Breaks if the batch axes are flattened in another order than they are unfolded."""
     problem = scene(16, measured="motion", count=5)
     rng = np.random.default_rng(17)
     f, m, z = problem.fixed, problem.moving, problem.measurement

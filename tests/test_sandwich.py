@@ -39,10 +39,7 @@ def scores_of(rng, targets=40, scale=1.0):
 
 
 def test_many_clear_scores_give_the_jackknife():
-    """Breaks if a step is not that of leaving a group out.
-
-    The scores are so large that chance does not explain them.
-    """
+    """Breaks if a step is not that of leaving a group out."""
     rng = np.random.default_rng(6)
     scores, hessians = scores_of(rng, scale=1e4)
     total, labels = hessians.sum(axis=0), rng.integers(0, 12, 40)
@@ -99,10 +96,7 @@ def test_extended_objects_are_judged_better():
 
 
 def test_a_cost_that_knows_no_moving_noise_is_seen_through():
-    """Breaks if P2D's inverse Hessian, which leaves the moving noise out, stands uncorrected.
-
-    On a line, also if parameters that do not exist there are counted.
-    """
+    """Breaks if P2D's inverse Hessian, which leaves the moving noise out, stands uncorrected."""
     rng, cost = np.random.default_rng(13), RegistrationCost("p2d")
     for means in (rng.uniform(-20.0, 20.0, (60, 2)), 3.0 * np.arange(60.0)[:, None]):
         fixed = PointSet(means, [0.01 * np.eye(means.shape[1])] * 60)

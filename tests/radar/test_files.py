@@ -108,10 +108,7 @@ while True:
 
 
 def test_two_writers_do_not_mix(tmp_path):
-    """Breaks if a reader finds the whole track of one run beside files of another.
-
-    Both are killed at some time, again and again.
-    """
+    """Breaks if a reader finds the whole track of one run beside files of another."""
     command = [sys.executable, "-c", WRITER, str(tmp_path)]
     for _ in range(3):
         writers = [

@@ -60,10 +60,7 @@ def test_the_scatter_of_single_points_is_found_with_its_standard_error():
 
 
 def test_points_that_stay_have_no_extent():
-    """Breaks if the boundary is not recognised, or its standard error is nan.
-
-    The estimate of the square would be negative in half of the drives.
-    """
+    """Breaks if the boundary is not recognised, or its standard error is nan."""
     found = [estimate_extent(drive(seed, 0.0), MOUNTING) for seed in range(12)]
     extents, sigmas = np.array([[each.extent, each.sigma] for each in found]).T
     assert 2 <= (extents == 0.0).sum() <= 10

@@ -291,10 +291,7 @@ def test_the_same_pair_twice_tells_nothing_new():
 
 
 def test_more_scatter_of_the_positions_is_none_of_the_azimuth():
-    """Breaks if the azimuth's share is taken from the positions' covariances instead of its sigma.
-
-    The extent of an object makes those larger.
-    """
+    """Breaks if the share is taken from the positions' covariances, not the azimuth's sigma."""
     pairs = pairs_of(several(np.random.default_rng(4)))
     both = influences(problem_of(pairs, EgoMotionModel()), estimated(pairs), pairs)
     found = [each for of_pair in both for each in of_pair]
@@ -428,10 +425,7 @@ def test_an_error_of_the_budget_moves_the_yaw_rate_less():
 
 
 def test_neighbours_share_what_their_distance_says():
-    """Breaks if the dependence is not the double sum over pairs of targets of one scan.
-
-    Where influences of neighbours cancel, it takes variance away.
-    """
+    """Breaks if the dependence is not the double sum over pairs of targets of one scan."""
     found = []
     for length, pairs in ((2.0, two_pairs()), (200.0, two_pairs(3, 10))):
         expected = np.zeros((3, 3))

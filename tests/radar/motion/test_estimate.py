@@ -82,10 +82,7 @@ def derivative_along(function, direction, step=0.03) -> tuple[float, float]:
 
 
 def assert_optimum_of(estimate, cost) -> None:
-    """The estimate is at a minimum of ``cost``, with its value, Hessian and inverse Hessian.
-
-    Derivatives are taken in units of the estimated standard deviations.
-    """
+    """The estimate is at a minimum of ``cost``, with its value, Hessian and inverse Hessian."""
     root = np.linalg.cholesky(estimate.covariance)
 
     def shifted(offset):
@@ -106,10 +103,7 @@ def assert_optimum_of(estimate, cost) -> None:
 @pytest.mark.parametrize("doppler", EITHER, ids=["doppler", "positions"])
 @pytest.mark.parametrize("first_order", EITHER, ids=["first-order", "exact"])
 def test_the_estimate_is_the_optimum_of_the_naive_joint_cost(doppler, first_order):
-    """Breaks with any slip in the cost, or if gradient or Hessian are not those of the velocity.
-
-    Differences are taken in standard deviations of the estimate, in which the Hessian is I.
-    """
+    """Breaks with any slip in the cost, or if gradient or Hessian are not those of the velocity."""
     options = {"doppler": doppler, "first_order": first_order}
     for mounting, outlier in product((Mounting(), CORNER, AROUND[2]), OUTLIERS):
         previous, current = two_scans(np.random.default_rng(21), THETA, mounting, size=7)

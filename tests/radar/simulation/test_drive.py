@@ -104,10 +104,7 @@ def test_velocity_is_the_derivative_of_the_poses():
 
 
 def test_a_keen_sensor_sees_all_that_nothing_hides():
-    """Breaks if something is seen through a wall, or the field of view is the vehicle's.
-
-    Each point in view is looked for along 2000 steps of its line of sight.
-    """
+    """Breaks if something is seen through a wall, or the field of view is the vehicle's."""
     driven = drive(4, 8.0, mounting=MOUNTING, sensor=KEEN)
     hidden = 0
     for i in (0, 40, 80):

@@ -119,10 +119,7 @@ def test_it_is_a_kalman_filter_whose_gain_for_slow_errors_is_zero():
 
 @pytest.mark.usefixtures("one_mode")
 def test_without_slow_errors_filter_and_smoother_are_least_squares():
-    """Breaks if one of them does not use all estimates that it may, with their weights.
-
-    One Gaussian of all states and estimates together gives the same.
-    """
+    """Breaks if one of them does not use all estimates that it may, with their weights."""
     times = np.array([0.0, 0.1, 0.17, 0.4, 0.5])
     inputs = drawn(
         np.random.default_rng(1), times, *around_the_block(times, CAR_SPEED), 0.0 * SLOW, 0.0

@@ -143,10 +143,7 @@ def test_a_steady_turn_is_exact_from_any_start():
 
 @pytest.mark.parametrize(("rate", "smooth"), [(13.0, False), (4.0, True)])
 def test_displacements_are_as_sure_as_they_say(rate, smooth):
-    """Breaks if noise adds up like slow errors, or slow ones average out like noise.
-
-    A car around a block, its path summed in steps of 2 ms; its radar has all slow errors.
-    """
+    """Breaks if noise adds up like slow errors, or slow ones average out like noise."""
     times = FINE * np.round(np.arange(0.0, 36.0, 1.0 / rate) / FINE)
     fine, found = (
         np.arange(0.0, 36.0, 4.0 * FINE),

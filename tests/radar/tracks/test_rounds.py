@@ -114,10 +114,7 @@ def numbered(times):
 
 
 def test_rounds_hold_each_sensor_once_and_follow_time():
-    """Breaks if a scan is used twice or never, or a gap of one sensor stops the others.
-
-    The first round is not given: it has nothing to be registered with.
-    """
+    """Breaks if a scan is used twice or never, or a gap of one sensor stops the others."""
     for times, expected in (
         ([[0.0, 1.0, 2.0]], [{0: 1.0}, {0: 2.0}]),
         ([[0.0, 1.0], [0.5, 1.5]], [{0: 1.0, 1: 1.5}]),

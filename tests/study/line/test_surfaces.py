@@ -73,10 +73,7 @@ COSTS.append(RegistrationCost(outlier=UniformOutlier(0.01)))
 
 
 def test_log_surface_of_a_batch_is_that_of_each_scene_and_translation():
-    """Breaks if the axis of the translations gets mixed up with those of the draws.
-
-    If both are of equal length, they could broadcast against each other.
-    """
+    """Breaks if the axis of the translations gets mixed up with those of the draws."""
     some = GRID[[0, 60, 61, 100, 180]]
     for cost, draws in product(COSTS, [(), (3,), (2, 3), (len(some),)]):
         fixed, moving = line_scene(np.random.default_rng(1), draws=draws)
