@@ -186,9 +186,7 @@ MISTAKES: dict[str, tuple[Callable[..., Any], dict[str, Any], dict[str, Any]]] =
     "propagate_covariance": (
         propagate_covariance,
         {"estimate": ESTIMATE, **SETS, "cost": None, "measurement": None},
-        {
-            **OF_AN_ESTIMATE,
-        },
+        OF_AN_ESTIMATE,
     ),
     "sandwich_covariance": (
         sandwich_covariance,

@@ -304,8 +304,7 @@ def test_all_files_are_written_or_none(log, capsys, monkeypatch):
 
 
 def test_without_matplotlib_there_is_no_picture(log, capsys, monkeypatch):
-    """Breaks if what can be written is not, the picture is left out without a word, or that of
-    another track stays."""
+    """Breaks if another file is missing too, nobody is told, or an old picture stays."""
     (log.parent / "drive.png").write_text("old")
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     assert main(tracked(log)) == 0

@@ -175,11 +175,6 @@ def change(root: Path, name: str, edit: Any) -> None:
     path.write_text(json.dumps(changed))
 
 
-def first_scan(root: Path) -> Path:
-    """The file of the earliest scan of the front radar."""
-    return next(root.glob(f"s*/RADAR_FRONT/scene-0001_{TIMES[0]}.pcd"))
-
-
 # ---- what is read
 
 
@@ -359,7 +354,7 @@ def refused(root: Path, path: Path) -> str:
 
 def test_a_foreign_or_truncated_point_cloud_is_named(root):
     """Breaks if columns are read by position, or the error does not say what is wrong."""
-    path = first_scan(root)
+    path = next(root.glob(f"s*/RADAR_FRONT/scene-0001_{TIMES[0]}.pcd"))
     whole = path.read_bytes()
     for share in (0.0, 0.1, 0.3, 0.6, 0.9, 0.999):
         path.write_bytes(whole[: int(share * len(whole))])
