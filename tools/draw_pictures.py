@@ -67,20 +67,10 @@ def summing() -> Figure:
 def _share_bars(ax: Axes, shares: dict[str, float], colors: list[str], label: str) -> None:
     """A bar for each share, with its number."""
     bars = ax.bar(list(shares), list(shares.values()), 0.6, color=colors)
-    ax.bar_label(bars, [f"{100 * share:.0f} %" for share in shares.values()], padding=4)
+    texts = [f"{100 * share:.0f} %" for share in shares.values()]
+    ax.bar_label(bars, texts, padding=4, bbox={"color": "white", "pad": 1}, zorder=3)
     ax.set(ylim=(0.0, 1.15), yticks=[0.0, 0.5, 1.0], yticklabels=["0", "50 %", "100 %"])
     ax.set_ylabel(label)
-
-
-def _shares_inside(ax: Axes) -> None:
-    """The share of the errors of four radars on RadarScenes that lie in the 95 % region."""
-    found = read_scores()["radarscenes"]["baseline 4"]["105"]  # 0.3 s between the scans of a pair
-    names = {"inverse\nHessian": "inverse Hessian", "with error\nbudget": "noise and budget"}
-    shares = {words: found[name]["inside"] for words, name in names.items()}
-    colors = [grammar.COVARIANCES[name].color for name in names.values()]
-    _share_bars(ax, shares, colors, "in the 95 % region")
-    ax.set(yticks=[0.0, 0.5, 0.95], yticklabels=["0", "50 %", "95 %"])
-    ax.axhline(0.95, **grammar.TRUTH)
 
 
 def start_tile() -> Figure:
@@ -109,9 +99,15 @@ def sum_tile() -> Figure:
 
 
 def road_tile() -> Figure:
-    """How many errors on a road lie in the regions that are stated for them."""
+    """The share of the errors of four radars on RadarScenes that lie in the 95 % region."""
     figure, ax = plt.subplots(figsize=TILE)
-    _shares_inside(ax)
+    found = read_scores()["radarscenes"]["baseline 4"]["105"]  # 0.3 s between the scans of a pair
+    names = {"inverse\nHessian": "inverse Hessian", "with error\nbudget": "noise and budget"}
+    shares = {words: found[name]["inside"] for words, name in names.items()}
+    colors = [grammar.COVARIANCES[name].color for name in names.values()]
+    _share_bars(ax, shares, colors, "in the 95 % region")
+    ax.set(yticks=[0.0, 0.5, 0.95], yticklabels=["0", "50 %", "95 %"])
+    ax.axhline(0.95, **grammar.TRUTH)
     return figure
 
 
