@@ -70,10 +70,8 @@ def test_derivatives_equal_those_of_the_formulas(case):
 
 @pytest.mark.parametrize("outlier", OUTLIERS)
 def test_any_number_of_targets_and_components(outlier):
-    """Breaks if a lane without a target counts, or a component is lost between two chunks.
-
-    The kernel takes eight targets at a time, and marks components in chunks of 48.
-    """
+    """Breaks if a lane without a target counts, or a component is lost between two chunks: the
+    kernel takes eight targets at a time, and marks components in chunks of 48."""
     sizes = [
         (1, 1),
         (1, 6),

@@ -13,10 +13,8 @@ from d2d._kernel import layout
 
 
 def test_an_outlier_component_that_is_not_known_is_refused():
-    """Breaks if a new density that one pass does not know counts as none there.
-
-    The estimate is then right, but its propagated covariance is that of another cost.
-    """
+    """Breaks if a new density that one pass does not know counts as none there: the estimate is
+    right, but its propagated covariance is that of another cost."""
     theta = np.array([0.1, -0.1, 0.01])
     points = PointSet([[8.0, 1.0], [5.0, -3.0]], [0.04 * np.eye(2)] * 2)
     problem = RegistrationCost(outlier=UniformOutlier(0.1)).problem(points, points)

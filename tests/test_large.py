@@ -101,11 +101,8 @@ def test_value_and_gradient_are_those_of_the_plain_sums(layout, outlier):
 
 
 def test_a_tile_that_errs_is_not_used():
-    """Breaks if tiles are used where their error is more than a billionth of the density.
-
-    Between two groups of targets, seven standard deviations from both, an interpolated density errs
-    by a millionth.
-    """
+    """Breaks if tiles are used where their error is more than a billionth of the density: between
+    two groups, seven standard deviations from both, an interpolated density errs by a millionth."""
     outlier = CorruptedGaussian(1.0, 100.0 * np.eye(2))
     rng = np.random.default_rng(0)
     places = rng.uniform(-3.0, 3.0, (100, 2)) + np.array([140.0, 0.0]) * np.arange(100)[:, None] % 2

@@ -69,10 +69,8 @@ def numerical(problem, which, count):
 
 @pytest.mark.parametrize("case", all_cases(), ids=case_id)
 def test_cross_derivatives_are_those_of_the_gradient(case):
-    """Breaks if a term of d2f / d theta d z is missing or has the wrong sign, for any cost.
-
-    Also if a pair is left out or counted twice: 101 components are more than two chunks.
-    """
+    """Breaks if a term of d2f / d theta d z is missing or has the wrong sign, for any cost, or a
+    pair is left out or counted twice: 101 components are more than two chunks."""
     problem = random_problem(np.random.default_rng(7), **case, fixed_size=101, moving_size=9)
     cross = cross_derivatives(problem)
     for which in ("fixed", "moving"):

@@ -52,10 +52,8 @@ def test_many_clear_scores_give_the_jackknife():
 
 @pytest.mark.parametrize("scenario", ALL, ids=lambda scenario: scenario.name)
 def test_independent_targets_are_judged_as_by_the_inverse_hessian(scenario):
-    """Breaks if the scatter of so few scores makes the covariance worse: 1000 runs, within 2 %.
-
-    Uncorrected scores give 2 to 3 times the inverse Hessian's ANEES.
-    """
+    """Breaks if the scatter of so few scores makes the covariance worse: 1000 runs, within 2 %,
+    where uncorrected scores give 2 to 3 times the inverse Hessian's ANEES."""
     fixed, moving = scenario.sample(1000, np.random.default_rng(0))
     estimate = register(fixed, moving, ROBUST, scenario.theta)
     good = estimate.converged

@@ -150,8 +150,7 @@ FULL = Path("/dev/full")  # every write to it fails
 @pytest.mark.skipif(not FULL.exists(), reason="there is no device that is full")
 @pytest.mark.parametrize("closed", [True, False])
 def test_a_complaint_that_cannot_be_written_is_dropped(closed):
-    """Breaks if a service ends with the log that it complains to, or its complaints are taken for
-    estimates."""
+    """Breaks if a service ends with its log, or its complaints are taken for estimates."""
     if closed and np.__version__ < "2.1":
         pytest.skip("NumPy 2.0 cannot be imported without a standard error")
     good = lines()

@@ -68,8 +68,7 @@ def test_moving_targets_do_not_pull_the_velocity():
 
 
 def test_one_direction_gives_the_weighted_mean_along_it():
-    """Breaks if rounding in equal azimuths is inverted to a huge velocity across, or the
-    weights are not 1 / sigma^2."""
+    """Breaks if rounding gives a velocity across equal azimuths, or weights are not 1 / sigma^2."""
     rng = np.random.default_rng(5)
     for size in (2, 3, 10):
         sigma = rng.uniform(0.05, 0.2, size)

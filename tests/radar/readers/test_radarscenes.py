@@ -326,8 +326,7 @@ def test_a_column_that_is_missing_or_of_another_type_is_named(root):
     ],
 )
 def test_scans_that_do_not_fit_the_targets_are_refused(root, stamp, indices, file, said):
-    """Breaks if a slice is quietly cut, another sensor's targets are read, or a scan comes twice
-    under two stamps."""
+    """Breaks if a slice is cut, another sensor's targets are read, or a scan has two stamps."""
     content = scenes()
     content["scenes"][stamp] = {"sensor_id": 3, "radar_indices": indices}
     (root / SCENES).write_text(json.dumps(content))

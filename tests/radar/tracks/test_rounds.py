@@ -54,8 +54,7 @@ def test_what_is_no_sensor_is_refused_by_name():
 
 
 def test_scans_out_of_time_order_are_refused_by_name():
-    """Breaks if an interval of zero divides, or the error does not say which scan; two sensors may
-    share a time."""
+    """Breaks if an interval of zero divides, no scan is named, or sensors cannot share a time."""
     swapped, twice = at_times([0.0, 0.2, 0.1]), at_times([0.0, 0.1, 0.1])
     twice[2] = twice[2].with_extent(0.1)[1:]  # another one of the same time
     for scans in (swapped, twice):

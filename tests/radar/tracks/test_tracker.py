@@ -297,10 +297,8 @@ def test_scans_without_targets_are_marked_and_passed_over(driven_by, options):
 @either_tracker
 @pytest.mark.parametrize("still", [0, 5])
 def test_a_scan_in_which_nearly_everything_moves_is_marked(driven_by, still):
-    """Breaks if an optimum that rejects nearly all targets is taken for the motion, and carried on.
-
-    Five of each sensor that stand still would be enough for an optimum at the right place.
-    """
+    """Breaks if an optimum that rejects nearly all targets is taken for the motion, and carried on;
+    five of each sensor that stand still would be enough for an optimum at the right place."""
     rng = np.random.default_rng(71)
 
     def astir(scan):

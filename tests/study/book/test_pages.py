@@ -105,8 +105,7 @@ def words(html: str) -> list[str]:
 
 
 def test_text_and_html_say_the_same():
-    """Breaks if a column loses its unit, its format or its alignment, or what is compared is not
-    what is read."""
+    """Breaks if a column loses unit, format or alignment, or the text is not what is read."""
     shown = table(ROWS, COLUMNS, "Errors <of> three methods.")
     assert str(shown).splitlines() == [
         "Errors <of> three methods.",
