@@ -34,10 +34,8 @@ print(estimate.theta, estimate.covariance, propagate_covariance(estimate, *sets,
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """A folder with a copy of the package, beside which nothing compiled can be kept.
-
-    A file stands where Numba would make its folder, because an administrator may write anywhere.
-    """
+    """A folder with a copy of the package, where nothing compiled can be kept beside it: a file
+    stands where Numba would make its folder, because an administrator may write anywhere."""
     shutil.copytree(ROOT / "d2d", tmp_path / "d2d", ignore=shutil.ignore_patterns("__pycache__"))
     (tmp_path / "d2d" / "_kernel" / "__pycache__").touch()
     return tmp_path

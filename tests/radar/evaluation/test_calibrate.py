@@ -70,10 +70,8 @@ def drive(
     factor: float = FACTOR,
     scans: bool = True,
 ) -> list[Recording]:
-    """Two sensors; ``jitter`` (m/s, and 0.1 rad/s) is that of the odometry, correlated over 0.5 s.
-
-    The odometry's v_y is not to be believed.
-    """
+    """Two sensors; ``jitter`` (m/s, and 0.1 rad/s) is that of the odometry, correlated over 0.5 s,
+    whose v_y is not to be believed."""
     rng = np.random.default_rng(seed)
     stamps = np.arange(-1.0, duration + 1.0, 0.02)
     odometry = motion(stamps) / [factor, 1.0]

@@ -115,10 +115,8 @@ def test_units_do_not_matter():
 
 
 def test_a_track_adds_the_constants_to_the_propagated_noise():
-    """Breaks if the budget adds something else than what was fitted, or moves the velocities.
-
-    A little of what stays for 15 s averages out.
-    """
+    """Breaks if the budget adds something else than what was fitted, or moves the velocities; a
+    little of what stays for 15 s averages out."""
     drive = simulate_drive(np.random.default_rng(1), duration=3.0, mounting=Mounting(3.0))
     plain = track(drive, budget=ErrorBudget(), **OPTIONS)
     budget = ErrorBudget(v_x=0.05, v_y=0.1, omega=0.01)
