@@ -117,16 +117,12 @@ def register(
     best = anneal(problem, start, steps[-1:], threads)
     if len(steps) == 1:
         return best
-    annealed = anneal(problem, start, steps, threads)
-    allowed = _explains_better(annealed, best)
-    if not (allowed | (annealed.value >= best.value)).all():
-        allowed = allowed | ~_overlap(fixed)
-    best = _lower(best, annealed, allowed)
+    best = _lower(best, anneal(problem, start, steps, threads), fixed)
     spread = _spread(fixed, moving)
     if spread > _UNLIKE:
         wider = np.geomspace(spread, 1.0, 1 + math.ceil(math.log(spread) / math.log(_STEP)))
         schedule = [*(steps[0] * wider[:-1]), *steps]
-        best = _lower(best, anneal(problem, start, schedule, threads))
+        best = _lower(best, anneal(problem, start, schedule, threads), fixed)
     return best
 
 
@@ -250,7 +246,11 @@ def _explains_better(one: Estimate, other: Estimate) -> NDArray[np.bool_]:
     return np.asarray(np.isnan(one.inliers) | better)
 
 
-def _lower(one: Estimate, other: Estimate, allowed: NDArray[np.bool_] | bool = True) -> Estimate:
-    """The other optima where allowed and of lower cost, else the one; the iterations of both."""
-    lower = np.asarray(allowed & ((other.value < one.value) | ~np.isfinite(one.value)))
-    return replace(where(lower, other, one), iterations=one.iterations + other.iterations)
+def _lower(one: Estimate, other: Estimate, fixed: PointSet) -> Estimate:
+    """The other optima where they are lower and, of points that overlap, fit clearly better."""
+    lower = np.asarray((other.value < one.value) | ~np.isfinite(one.value))
+    better = _explains_better(other, one)
+    if not (better | ~lower).all():
+        better = better | ~_overlap(fixed)
+    merged = where(lower & better, other, one)
+    return replace(merged, iterations=one.iterations + other.iterations)

@@ -26,7 +26,7 @@ _DRIFT, _CHANGED = 0.05, 5.0  # rad that targets ahead move aside until then; m/
 _LAG_STEP, _LAGS = 0.05, 20.0  # s, of the lags between two clocks, and the longest
 _SMOOTHED = 5  # scans, whose median leaves out those that follow traffic
 _LASTING = 1.0  # s, for which the errors of a sensor's velocity are about the same
-_OVERLAP = 3.0  # s that two sensors have in common
+_OVERLAP, _LONGEST = 3.0, 600.0  # s that two sensors have in common, and of these that are used
 _EXPLAINED = 0.8  # of a sensor's changing velocity, by that of another at the right lag
 
 _BINS, _IN_BIN = 16, 60  # azimuths of about as many targets, and how many at least
@@ -150,8 +150,9 @@ def _lag(own: SensorMotion, other: SensorMotion) -> tuple[float, float]:
     """
     if min(len(own.times), len(other.times)) < SEEN:
         return 0.0, 0.0
-    both = np.concatenate([own.times, other.times])
-    times = np.arange(both.min(), both.max(), _LAG_STEP)
+    begin = max(own.times[0], other.times[0]) - _LAGS
+    end = min(own.times[-1], other.times[-1], begin + _LONGEST) + _LAGS
+    times = np.arange(begin, end, _LAG_STEP)
     mine, theirs = (
         np.interp(
             times,
