@@ -11,7 +11,7 @@ import numpy as np
 
 from d2d.radar import ErrorBudget, Mounting, RadarScan, Sensor, Tracker, simulate_drive
 from d2d.radar.simulation.drive import CAR_SPEED
-from d2d.radar.simulation.world import Movers, Reflectors, World
+from d2d.radar.simulation.world import World, open_field
 
 CORNERS = [Mounting(x, y, yaw) for x, y, yaw in (
     (3.7, 0.8, 0.7), (3.7, -0.8, -0.7), (-0.8, 0.8, 2.4), (-0.8, -0.8, -2.4)
@@ -23,11 +23,7 @@ DENSITY = 0.7  # points per m^2: a scan never has fewer targets than it may have
 
 def crowded_world(rng: np.random.Generator) -> World:
     """A plain full of strong points around the lap, with nothing that hides them."""
-    points = rng.uniform(-60.0, 160.0, (round(DENSITY * 220.0**2), 2))
-    strong = np.full(len(points), 1e3)
-    none = np.empty((0, 4, 2))
-    movers = Movers(np.empty(0), np.empty(0), np.empty((0, 2)), np.empty(0))
-    return World(none, none, Reflectors(points, strong, np.full(len(points), "pole")), movers)
+    return open_field(rng.uniform(-60.0, 160.0, (round(DENSITY * 220.0**2), 2)), 1e3)
 
 
 def crowded_drive(sensors: int, rate: float, targets: int) -> Iterator[tuple[str, RadarScan]]:

@@ -95,7 +95,6 @@ assert_type(scan[~near & (scan.doppler > 0.0)], RadarScan)
 assert_type(scan[[0, 1]], RadarScan)
 assert_type(scan[np.argsort(scan.range)], RadarScan)
 assert_type(scan[::2], RadarScan)
-assert_type(drive.targets[0][drive.targets[0].range < 10.0].range, Array)
 first, second = drive.scans[:2]
 velocity = estimate_ego_motion(first, second, drive.mounting, initial=[5, 0, 0], outlier=None)
 joint = estimate_ego_motion([first], [second], [drive.mounting], doppler=False)

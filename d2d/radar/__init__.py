@@ -25,7 +25,7 @@ from d2d.radar.scans.scan import (
     quantisation_sigma,
     unfolded,
 )
-from d2d.radar.simulation.drive import Drive, Sensor, SensorErrors, TrueTargets, simulate_drive
+from d2d.radar.simulation.drive import Drive, Sensor, SensorErrors, simulate_drive
 from d2d.radar.simulation.world import World, build_world
 from d2d.radar.tracks.estimator import VelocityEstimate
 from d2d.radar.tracks.filter_input import FilterInput
@@ -60,7 +60,6 @@ __all__ = [
     "SlipLaw",
     "Track",
     "Tracker",
-    "TrueTargets",
     "VehicleLimits",
     "Velocities",
     "VelocityEstimate",

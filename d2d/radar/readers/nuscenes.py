@@ -167,9 +167,9 @@ def _scan(
     good &= np.isfinite([columns[name] for name in ("vx", "vy", "rcs")]).all(axis=0)
     keep = shared.strongest_of(good, columns["rcs"], strongest)
     x, y, vx, vy = (columns[name][keep] for name in ("x", "y", "vx", "vy"))
-    velocity = np.stack([vx - excess * x, vy - excess * y], axis=-1)
+    doppler = (x * (vx - excess * x) + y * (vy - excess * y)) / np.hypot(x, y)
     sigmas = shared.errors_at(np.arctan2(y, x), errors)
-    return RadarScan.from_cartesian(time, x, y, velocity=velocity, grid=GRID, step=STEP, **sigmas)
+    return RadarScan.from_cartesian(time, x, y, doppler=doppler, grid=GRID, step=STEP, **sigmas)
 
 
 def _point_cloud(path: Path, fields: tuple[str, ...]) -> dict[str, NDArray[Any]]:

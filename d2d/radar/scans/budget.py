@@ -15,11 +15,9 @@ _SIGMA = NOT_NEGATIVE._replace(most=1e3)
 class ErrorBudget(Bounded):
     """Standard deviations of the errors that many targets share, or that no target explains.
 
-    The inverse Hessian takes the errors of all targets as independent, but errors that they share
-    do not average out.  The covariance of a track is the propagated noise of the single targets
-    plus the effect of these other errors, on which the estimates do not depend.
-
-    Raises a ``ValueError`` if a number is negative or above 1000, or the azimuth's above 2 pi.
+    The covariance of a track is the propagated noise of the single targets plus the effect of these
+    errors, on which the estimates do not depend.  Raises a ``ValueError`` if a number is negative
+    or above 1000, or the azimuth's above 2 pi.
 
     Attributes
     ----------
@@ -32,8 +30,7 @@ class ErrorBudget(Bounded):
     lag : float, s
         Of the time to which an estimate belongs; its effect is the vehicle's acceleration times it.
     neighbours : float, m
-        Length over which the position errors of neighbouring targets are correlated, as
-        exp(-distance / length).  Reflections of one object shift together.
+        Length over which position errors of targets are correlated, as exp(-distance / length).
     source : str
         Where the numbers come from.
     v_x, v_y, omega : float, m/s, m/s, rad/s

@@ -51,10 +51,9 @@ class Reference:
     ) -> "Reference":
         """The motion at ``times`` from poses alone, such as those of a localisation.
 
-        The poses (n, 3) were measured at ``stamps`` (n,) in s, which strictly increase.  A parabola
-        is fitted to those within ``half_width`` (s) of a time; its value and slope are pose and
-        velocity (a Savitzky-Golay filter for stamps that are not evenly spaced).  They are nan
-        where poses are missing before or after the time, or fewer than five are within reach.
+        Value and slope of a parabola (Savitzky-Golay), fitted to the poses (n, 3) at ``stamps``
+        (n,) in s, strictly increasing, within ``half_width`` (s) of a time.  They are nan where
+        poses are missing before or after the time, or fewer than five are within reach.
         """
         known = check_finite("stamps", stamps, "(n,)")
         wanted = check_finite("times", times, "(n,)")
@@ -116,9 +115,8 @@ class Recording:
 class SlipLaw(Bounded):
     """The lateral velocity in a steady bend, v_y = (ahead - compliance v_x^2) omega.
 
-    The lateral acceleration v_x omega of a bend needs a slip angle -compliance v_x omega of the
-    rear axle (linear single-track model: Riekert & Schunck 1940), with ``compliance`` in s^2/m.
-    The vehicle frame's origin, ``ahead`` metres ahead of it, also moves because of the rotation.
+    The rear axle, from which the vehicle frame's origin is ``ahead`` (m), has the slip angle
+    -``compliance`` (s^2/m) v_x omega (linear single-track model: Riekert & Schunck 1940).
     """
 
     ahead: float = number(0.0)

@@ -20,7 +20,6 @@ from d2d._checks import (
     Bounded,
     Bounds,
     broadcast_batches,
-    check_covariances,
     check_finite,
     check_positive_scalar,
     check_scalar,
@@ -38,8 +37,8 @@ _STEP = POSITIVE._replace(most=1e50)  # its square is finite
 
 _SPEED = Bounds(most=1e4, unit="in m/s, ", hint="; are these millimetres per second?")
 _STEEPEST = 0.05  # cosine of the elevation beyond which a target shows no horizontal motion
+_LONGEST = 1e9  # ratio of the axes of a covariance, beyond which it is singular in float64
 _LEAST = 1e-9  # of standard deviations, whose squares the cost can hold beside others
-_LONGEST = 1e9  # ratio of the axes of a target's covariance, beyond which it is singular in float64
 
 # What a scan's columns hold; a radar of a vehicle sees no target beyond 10 km.
 BOUNDS = {
@@ -89,20 +88,16 @@ class Mounting(Bounded):
 class RadarScan(Frozen):
     """The targets of one scan in the sensor frame, with their standard deviations.
 
-    The scan at ``time`` (s) has the arrays (K,) ``range`` in m, ``azimuth`` in rad, measured
+    The scan at ``time`` (s) has the arrays (K,) ``range`` in m, ``azimuth`` in rad,
     counter-clockwise from the boresight, and ``doppler`` in m/s, positive for receding targets; K
     may be 0.  The standard deviations ``sigma_range``, ``sigma_azimuth`` and ``sigma_doppler`` are
-    numbers or arrays (K,) in the same units, and so is the ``extent`` in m, along each axis: how
-    far a target's reflection point lies from the point that the other scans see; see
-    `estimate_extent`.
-
-    If a radar measures the ``elevation``, too, (K,) in rad and positive upwards, ranges and Doppler
-    velocities are along the inclined line of sight; see `level`.  The ``sigma_elevation`` in rad is
-    by default that of the azimuth.
+    numbers or arrays (K,) in the same units, and so is the ``extent`` in m, by which a target's
+    reflection point scatters along each axis; see `estimate_extent`.  With an ``elevation`` (K,) in
+    rad, positive upwards, ranges and Doppler velocities are along the inclined line of sight; the
+    ``sigma_elevation`` in rad is by default that of the azimuth.
 
     Raises a ``ValueError`` if a range or standard deviation is not positive or so large or small
-    that no covariance can hold it, a range beyond 10 km, an azimuth beyond 2 pi or an elevation
-    beyond a right angle.
+    that no covariance can hold it, an azimuth beyond 2 pi or an elevation beyond a right angle.
 
     Examples
     --------
@@ -138,32 +133,24 @@ class RadarScan(Frozen):
         sigma_elevation: ArrayLike | None = None,
     ) -> None:
         self._keep("time", check_scalar("time", time))
-        given = (range, azimuth, doppler, sigma_range, sigma_azimuth, sigma_doppler, extent)
-        flat = elevation is None
-        upwards = (
-            np.zeros(np.shape(range)) if elevation is None else elevation,
-            (0.0 if flat else sigma_azimuth) if sigma_elevation is None else sigma_elevation,
-        )
-        arrays = {
-            name: bounds.array(name, values)
-            for (name, bounds), values in zip(BOUNDS.items(), (*given, *upwards), strict=True)
-        }
-        shape = arrays["range"].shape
-        check_shape("range", arrays["range"], "(K,)")
-        for name, array in arrays.items():
-            once = name not in (*MEASURED, "elevation") and array.shape in ((), (1,))
-            if not once:
-                check_shape(name, array, str(shape), like="range")
-            self._keep(name, np.full(shape, array) if once else array)
+        if sigma_elevation is None:
+            sigma_elevation = 0.0 if elevation is None else sigma_azimuth
+        if elevation is None:
+            elevation = np.zeros(np.shape(range))
+        measured, sigmas = (range, azimuth, doppler), (sigma_range, sigma_azimuth, sigma_doppler)
+        given = (*measured, *sigmas, extent, elevation, sigma_elevation)
+        shape, like = "(K,)", ""
+        for (name, bounds), values in zip(BOUNDS.items(), given, strict=True):
+            array = bounds.array(name, values)
+            if name not in (*MEASURED, "elevation") and array.shape in ((), (1,)):
+                array = np.full(self.range.shape, array)
+            check_shape(name, array, shape, like=like)
+            self._keep(name, array)
+            shape, like = str(self.range.shape), "range"
         across = np.hypot(self.range * self.sigma_azimuth, self.extent)
-        along = np.hypot(self.sigma_range, self.extent)
-        longest = np.maximum(across, along) > _LONGEST * np.minimum(across, along)
-        if longest.any():
-            i = int(np.argmax(longest))
-            raise ValueError(
-                "sigma_range and range * sigma_azimuth must not differ by more than a factor of "
-                f"{_LONGEST:g}, but are {along[i]:g} m and {across[i]:g} m at target {i}"
-            )
+        ratio = across / np.hypot(self.sigma_range, self.extent)
+        if not np.all((ratio < _LONGEST) & (ratio > 1.0 / _LONGEST)):
+            raise ValueError(f"sigma_range is {_LONGEST:g} times range * sigma_azimuth, or reverse")
 
     @classmethod
     def from_cartesian(
@@ -173,9 +160,7 @@ class RadarScan(Frozen):
         y: ArrayLike,
         z: ArrayLike | None = None,
         *,
-        doppler: ArrayLike | None = None,
-        velocity: ArrayLike | None = None,
-        covariance: ArrayLike | None = None,
+        doppler: ArrayLike,
         grid: float | None = None,
         sigma_range: ArrayLike = 0.0,
         sigma_azimuth: ArrayLike = 0.0,
@@ -186,55 +171,40 @@ class RadarScan(Frozen):
     ) -> RadarScan:
         """The scan of a radar that reports positions, such as a list of objects or clusters.
 
-        The positions x along the boresight, y to the left and, if the radar measures elevations, z
-        upwards are arrays (K,) in m in the sensor frame.  Targets have either radial velocities
-        ``doppler`` (K,), positive if they recede, or a ``velocity`` (K, 2), with z (K, 3), in m/s,
-        relative to the sensor and not compensated for its own motion, of which a Doppler radar
-        measures the part along the line of sight.
-
-        The variances of all errors that are given are added: of the standard deviations, as for
-        `RadarScan`; of the ``covariance`` (K, D, D) or (D, D) of the position in m^2, without the
-        correlations between the line of sight and the directions across it; and of rounding, to
-        multiples of ``grid`` (m) in positions and of ``step`` (m/s) in the Doppler velocity or each
-        component of the velocity; see `quantisation_sigma`.
+        The positions x along the boresight, y to the left and, with elevations, z upwards are
+        arrays (K,) in m in the sensor frame.  Of targets that have velocities relative to the
+        sensor, ``doppler`` (K,) is the part along the line of sight, (x v_x + y v_y) / hypot(x, y).
+        To the standard deviations, as for `RadarScan`, the errors are added of positions that are
+        rounded to multiples of ``grid`` (m), and of velocities, to multiples of ``step`` (m/s).
 
         Raises a ``ValueError`` if a target is at, above or below the sensor, or there is no error
         of the range, the azimuth or the Doppler velocity.
         """
         ahead = check_finite("x", x, "(K,)")
         left = check_finite("y", y, str(ahead.shape), like="x")
-        up = check_finite("z", z, str(ahead.shape), like="x") if z is not None else 0.0 * ahead
+        up = 0.0 * ahead if z is None else check_finite("z", z, str(ahead.shape), like="x")
         across = np.hypot(ahead, left)
         if not (across > 0).all():
             raise ValueError("x and y must not both be zero, but a target is at the sensor")
-        size, distance = len(across), np.hypot(across, up)
-        axes = 2 if z is None else 3
-        sight = np.column_stack([ahead, left, up]) / distance[:, None]
-        sideways = np.column_stack([-left, ahead, 0.0 * up]) / across[:, None]
-        frame = np.stack([sight, sideways, np.cross(sight, sideways)])[..., :axes]
-        if velocity is not None and doppler is None:
-            vectors = check_finite("velocity", velocity, f"({size}, {axes})", like="x")
-            doppler = np.einsum("ki,ki->k", vectors, frame[0])
-        elif velocity is not None or doppler is None:
-            raise ValueError("either doppler or velocity must be given, and not both")
-        spread = np.zeros((size, axes, axes))
-        if covariance is not None:
-            given = check_covariances("covariance", covariance)
-            check_shape("covariance", given, f"({size}, {axes}, {axes})", f"({axes}, {axes})")
-            spread += given
-        if grid is not None:
-            spread += quantisation_sigma(grid, "grid") ** 2 * np.eye(axes)
-        along, beside, above = np.einsum("dki,kij,dkj->dk", frame, spread, frame)
+        distance = np.hypot(across, up)
+        aside = 0.0 if grid is None else quantisation_sigma(grid, "grid")
         rounding = 0.0 if step is None else quantisation_sigma(step, "step")
-        raised = np.sqrt(_variance("sigma_elevation", sigma_elevation, size) + above / distance**2)
+
+        def total(name: str, sigma: ArrayLike, other: Array | float) -> Array:
+            stated = NOT_NEGATIVE.array(name, sigma)
+            if stated.size != 1:
+                check_shape(name, stated, str(ahead.shape), like="x")
+            return np.hypot(stated, other)
+
+        raised = total("sigma_elevation", sigma_elevation, aside / distance)
         return cls(
             time,
             distance,
             np.arctan2(left, ahead),
             doppler,
-            np.sqrt(_variance("sigma_range", sigma_range, size) + along),
-            np.sqrt(_variance("sigma_azimuth", sigma_azimuth, size) + beside / across**2),
-            np.sqrt(_variance("sigma_doppler", sigma_doppler, size) + rounding**2),
+            total("sigma_range", sigma_range, aside),
+            total("sigma_azimuth", sigma_azimuth, aside / across),
+            total("sigma_doppler", sigma_doppler, rounding),
             extent,
             elevation=None if z is None else np.arctan2(up, across),
             sigma_elevation=None if z is None or not raised.any() else raised,
@@ -299,10 +269,9 @@ class RadarScan(Frozen):
     ) -> LinearMeasurement:
         """The Doppler velocities as a measurement of the motion over ``interval`` seconds.
 
-        The Doppler velocity V is linear in the body velocity [v_x, v_y, omega], and thus in the
-        twist ``interval`` times it.  The azimuth's error enters through the derivative of V (thesis
-        sec. 7.1).  If not ``of_twist``, the translation is v tau, as in the thesis.  By how much
-        the velocity at the scan is ``ahead`` (3,) of the mean over the interval is taken off.
+        They are linear in the twist, ``interval`` times the body velocity; the azimuth's error
+        enters through their derivative (thesis sec. 7.1).  If not ``of_twist``, the translation is
+        v tau, as in the thesis.  The velocity at the scan is ``ahead`` (3,) of the interval's mean.
         """
         check_positive_scalar("interval", interval)
         scan, mounting = level(self, mounting)
@@ -320,19 +289,10 @@ class RadarScan(Frozen):
 def quantisation_sigma(step: float, name: str = "step") -> float:
     """Standard deviation of the error of a value that is rounded to multiples of ``step``.
 
-    The error is uniform over one step, so that the variance is step^2 / 12, which adds to that of
-    the measurement.  Where the noise is much smaller than the step, errors are not independent from
-    one value to the next.  A ``ValueError`` calls the argument ``name``.
+    The error is uniform over a step, with the variance step^2 / 12, which adds to that of the
+    measurement.  A ``ValueError`` calls the argument ``name``.
     """
     return float(_STEP.number(name, step) / np.sqrt(12.0))
-
-
-def _variance(name: str, sigma: ArrayLike, size: int) -> Array:
-    """Squares of standard deviations, which may be zero where other errors add to them."""
-    array = NOT_NEGATIVE.array(name, sigma)
-    if array.shape not in ((), (1,)):
-        check_shape(name, array, f"({size},)", like="x")
-    return array**2
 
 
 @lru_cache(maxsize=64)
@@ -340,11 +300,9 @@ def level(scan: RadarScan, mounting: Mounting) -> tuple[RadarScan, Mounting]:
     """The scan that a sensor with its axes in the plane would have taken, and its mounting.
 
     With w = R_y(pitch) R_x(roll) u, the direction of a target along axes of which x and y lie in
-    the plane, and h = hypot(w_x, w_y), the cosine of its elevation there, a static target has
-    V = -w' v for a velocity v in the plane.  So the plane sees it at the range h r, in the
-    direction atan2(w_y, w_x), with the Doppler velocity V / h.  The errors of azimuth and
-    elevation, which both may change h, are propagated to first order.  Targets that are less than
-    3 deg from the vertical are left out: they show nothing of such a motion.
+    the plane, and h = hypot(w_x, w_y), the plane sees it at the range h r, in the direction
+    atan2(w_y, w_x), with the Doppler velocity V / h.  The errors of azimuth and elevation are
+    propagated to first order.  Targets less than 3 deg from the vertical are left out.
     """
     if not (mounting.pitch or mounting.roll or scan.elevation.any()):
         return scan, mounting
@@ -383,19 +341,17 @@ def _sight(azimuth: Array, elevation: Array | float = 0.0) -> Array:
 
 @lru_cache(maxsize=64)
 def _placed(scan: RadarScan, mounting: Mounting) -> PointSet:
-    """The scan's point set; the latest are cached, because a drive uses each in several pairs."""
-    polar = scan.range, scan.sigma_range, scan.sigma_azimuth
-    angle, origin = scan.azimuth + mounting.yaw, np.array([mounting.x, mounting.y])
+    """The scan's point set, cached because a drive uses it in several pairs."""
+    polar, angle = (scan.range, scan.sigma_range, scan.sigma_azimuth), scan.azimuth + mounting.yaw
     direction = read_only(np.cos(angle), -1), read_only(np.sin(angle), -1)
-    return PointSet._of_polar(polar, direction, scan.extent, origin)
+    return PointSet._of_polar(polar, direction, scan.extent, mounting.pose[:2])
 
 
 @lru_cache(maxsize=64)
 def cross_range(scan: RadarScan, mounting: Mounting) -> Array:
     """Derivative (K, 2) of each target's position in its azimuth, in m/rad in the vehicle frame."""
     means = _placed(scan, mounting).means
-    slope = np.empty((scan.size, 2))
-    slope[:, 0], slope[:, 1] = mounting.y - means[:, 1], means[:, 0] - mounting.x
+    slope = np.stack([mounting.y - means[:, 1], means[:, 0] - mounting.x], axis=-1)
     return read_only(slope, -1, 2)
 
 
@@ -403,11 +359,8 @@ def doppler_gradients(azimuth: Array, mounting: Mounting) -> tuple[Array, Array]
     """dV/dtheta and d^2V/(dphi dtheta), each (..., 3), of a static target at ``azimuth`` (...)."""
     angle = azimuth + mounting.yaw
     cosine, sine = np.cos(angle), np.sin(angle)
-    gain, slope = np.empty((*cosine.shape, 3)), np.empty((*cosine.shape, 3))
-    gain[..., 0], gain[..., 1] = -cosine, -sine
-    gain[..., 2] = mounting.y * cosine - mounting.x * sine
-    slope[..., 0], slope[..., 1] = sine, -cosine
-    slope[..., 2] = -mounting.y * sine - mounting.x * cosine
+    gain = np.stack([-cosine, -sine, mounting.y * cosine - mounting.x * sine], axis=-1)
+    slope = np.stack([sine, -cosine, -mounting.y * sine - mounting.x * cosine], axis=-1)
     return gain, slope
 
 
@@ -440,7 +393,7 @@ def unfolded(
 ) -> list[RadarScan]:
     """Unfold Doppler velocities from +-``limit`` (m/s), to the values nearest to static targets'.
 
-    Velocities (n, 3) of the vehicle need not be exact: to within ``limit`` is enough.
+    The velocities ``theta`` (n, 3) of the vehicle need not be exact: to within ``limit`` is enough.
     """
     cured = []
     for scan, velocity in zip(scans, theta, strict=True):

@@ -1,6 +1,9 @@
 """A simulated drive with a Doppler radar, which anyone can reproduce."""
 
-from dataclasses import dataclass, fields
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,14 +20,13 @@ from d2d._checks import (
     check_positive_scalar,
     number,
 )
-from d2d._types import Array, Selection
+from d2d._types import Array
 from d2d.radar.scans.reference import Reference
 from d2d.radar.scans.scan import Mounting, RadarScan, doppler_velocity
 from d2d.radar.simulation.world import World, build_world, lap_motion, visible
 
-# The vehicles: the thesis's robot, and a car in town.  Around the block the car accelerates by
-# 2.6 m/s^2 and 0.33 rad/s^2 RMS; recorded drives have 0.4 to 0.7 and 0.02 to 0.14, as this one has
-# at the speed of a road, 0.6 and 0.08.
+# The thesis's robot, and a car in town, which is driven hard.  Only at the speed of a road does it
+# accelerate as recorded cars do.
 ROBOT_SPEED, ROBOT_MOUNTING = 2.5, Mounting(0.4, 0.0, 0.0)
 CAR_SPEED, CAR_MOUNTING = 8.0, Mounting(3.6, 0.0, 0.0)
 ROAD_SPEED = 4.0
@@ -36,6 +38,7 @@ SIGMA_STEPS = np.array([[0.0625], [0.001], [0.0625]])
 MAX_STEPS = 63
 
 _MAX_CLUTTER_DOPPLER = 10.0  # m/s
+_TARGET: Any = {"formats": "U10, i8, f8, f8, f8", "names": "kind, point, range, azimuth, doppler"}
 _RIDGE = 1e-9  # relative variance that keeps points at the same place from a singular covariance
 
 
@@ -43,17 +46,14 @@ _RIDGE = 1e-9  # relative variance that keeps points at the same place from a si
 class Sensor(Bounded):
     """A 77 GHz radar; the defaults are those of the thesis (sec. 7.2) as far as it gives them.
 
-    The received power of a reflection point is its strength divided by range^4, times an
-    exponential variate drawn anew for every scan (Swerling case 1); it is detected beyond a
-    threshold.  The sensor takes ``rate`` scans per second and keeps the ``max_targets`` strongest
-    detections of each, of azimuths up to ``field_of_view`` (rad) to either side and ranges between
-    ``min_range`` and ``max_range`` (m).  A point of strength 1 is detected with probability 1/2 at
-    ``half_range`` (m).  The standard deviations ``sigma_range``, ``sigma_azimuth`` and
-    ``sigma_doppler`` (m, rad, m/s) are those of a strong target's errors; those at the threshold
-    are twice as large.
-    ``clutter`` is the mean number of false detections in a scan, which are uniformly distributed
-    over range, azimuth and Doppler velocities of up to 10 m/s.  If the sensor is ``quantised``,
-    measurements and reported standard deviations are rounded to its steps.
+    It takes ``rate`` scans per second of the ``max_targets`` strongest detections within
+    ``field_of_view`` (rad) to either side, and between ``min_range`` and ``max_range`` (m).  The
+    power received of a reflection point is its strength divided by range^4, times an exponential
+    variate drawn anew for every scan (Swerling case 1).  A point of strength 1 exceeds the
+    threshold of detection at ``half_range`` (m) every other time.  The standard deviations
+    ``sigma_range``, ``sigma_azimuth`` and ``sigma_doppler`` (m, rad, m/s) are those of a strong
+    target; at the threshold they are twice as large.  ``clutter`` is the mean number of false
+    detections in a scan.  If ``quantised``, what is reported is rounded to the sensor's steps.
     """
 
     rate: float = number(10.0, POSITIVE)
@@ -79,14 +79,11 @@ class Sensor(Bounded):
 class SensorErrors(Bounded):
     """Errors that the targets of a simulated scan share, and scatter of the reflection points.
 
-    All are off by default and constant over a drive; `d2d.radar.ErrorBudget` holds the standard
-    deviations of those of the same names.  To all azimuths, ``azimuth`` (rad) is added, and to all
-    Doppler velocities ``doppler`` (m/s), after their relative error ``scale``, above -1.  A scan
-    shows the world as it was ``lag`` (s) before its time stamp.  An object is seen at a distance
-    from its reflection point that is drawn anew in each scan, with the standard deviation
-    ``extent`` (m) along each axis, and correlated over the length ``neighbours`` (m) as
-    exp(-distance / length).  The steps of what a sensor that is quantised reports are ``rounding``
-    times its own.
+    All are constant over a drive.  To all azimuths, ``azimuth`` (rad) is added, and to all Doppler
+    velocities ``doppler`` (m/s), after their relative error ``scale``.  A scan shows the world as
+    it was ``lag`` (s) before its time stamp.  Targets scatter about their reflection points by the
+    standard deviation ``extent`` (m) along each axis, anew in each scan, correlated as
+    exp(-distance / ``neighbours``) (m).  A quantised sensor's steps are ``rounding`` times its own.
     """
 
     azimuth: float = number(0.0, ANGLE)
@@ -108,34 +105,18 @@ class SensorErrors(Bounded):
 
 
 @dataclass(frozen=True, eq=False)
-class TrueTargets:
-    """The truth behind the K targets of one scan.
-
-    ``kind`` is one of `d2d.radar.simulation.world.KINDS`, ``point`` the reflection point's index,
-    those of movers last.  The other values, in m, rad, m/s, are without the sensor's errors.
-    Clutter has the index -1 and nan.
-    """
-
-    kind: NDArray[np.str_]
-    point: NDArray[np.int_]
-    range: Array
-    azimuth: Array
-    doppler: Array
-
-    def __getitem__(self, index: Selection) -> "TrueTargets":
-        return TrueTargets(*(getattr(self, field.name)[index] for field in fields(self)))
-
-    __iter__ = None  # else Python would try the indices 0, 1, ... and stop at the first IndexError
-
-
-@dataclass(frozen=True, eq=False)
 class Drive:
-    """A simulated drive: scans, the true motion at their times, and the truth behind each scan."""
+    """A simulated drive: scans, the true motion at their times, and the truth behind each scan.
+
+    The ``targets`` of a scan, a record each, have a ``kind``, one of `KINDS`, and the ``point`` of
+    the world, those of movers last; ``range``, ``azimuth`` and ``doppler`` in m, rad, m/s are
+    without the sensor's errors.  Clutter has the point -1 and nan.
+    """
 
     scans: list[RadarScan]
     mounting: Mounting
     truth: Reference
-    targets: list[TrueTargets]
+    targets: list["np.recarray[Any, Any]"]
     world: World
 
 
@@ -160,25 +141,35 @@ def simulate_drive(
     """
     check_instance("rng", rng, np.random.Generator)
     duration = check_positive_scalar("duration", duration)
-    speed = check_positive_scalar("speed", speed)
-    sensor = sensor or Sensor()
-    world = world or build_world(rng)
-    errors = errors or SensorErrors()
+    motion = partial(lap_motion, start=start, speed=check_positive_scalar("speed", speed))
+    sensor, world = sensor or Sensor(), world or build_world(rng)
     times = np.arange(int(np.floor(duration * sensor.rate + 1e-9)) + 1) / sensor.rate
-    truth = lap_motion(times, start, speed)
-    seen = lap_motion(times - errors.lag, start, speed)
+    return drive_along(rng, motion, times, mounting, sensor, world, errors or SensorErrors())
+
+
+def drive_along(
+    rng: np.random.Generator,
+    motion: Callable[[Array], Reference],
+    times: Array,
+    mounting: Mounting,
+    sensor: Sensor,
+    world: World,
+    errors: SensorErrors,
+) -> Drive:
+    """Take scans at ``times`` (n,) in s from a vehicle with a given ``motion`` at any times."""
+    seen = motion(times - errors.lag)
     shifts = rng.spawn(1)[0] if errors.extent else None  # leaves the other streams alone
-    # the movers' reflection points come last
-    still, movers = world.reflectors, world.movers
-    strength = np.concatenate([still.strength, movers.strength])
-    kind = np.concatenate([still.kind, np.full(len(movers.strength), "moving")])
-    at_rest, ends = np.zeros_like(still.positions), world.walls.reshape(-1, 2)
+    # the movers' reflection points come last, and clutter has the index -1
+    moving = world.movers.strength
+    strength = np.concatenate([world.strength, moving])
+    kind = np.concatenate([world.kind, np.full(len(moving), "moving"), ["clutter"]])
+    at_rest, ends = np.zeros_like(world.points), world.walls.reshape(-1, 2)
     back = rigid.inverse(rigid.compose(seen.poses, mounting.pose))
     turns = np.swapaxes(rigid.rotation(back[:, 2]), -1, -2)
-    places, velocities = movers.at(seen.times)
+    places, velocities = world.movers.at(seen.times)
     scans, targets = [], []
     for i, turn in enumerate(turns):  # in the sensor frame
-        points = np.concatenate([still.positions, places[i]]) @ turn + back[i, :2]
+        points = np.concatenate([world.points, places[i]]) @ turn + back[i, :2]
         over_ground = np.concatenate([at_rest, velocities[i]]) @ turn
         walls = (ends @ turn + back[i, :2]).reshape(-1, 2, 2)
         point, power = _detected(rng, points, strength, walls, sensor)
@@ -186,12 +177,12 @@ def simulate_drive(
         distance, azimuth = np.hypot(*at.T), np.arctan2(at[:, 1], at[:, 0])
         away = (over_ground[point] * (at / distance[:, None])).sum(axis=1)
         doppler = doppler_velocity(seen.theta[i], azimuth, mounting) + away
-        true = TrueTargets(kind[point], point, distance, azimuth, doppler)
-        true, power = _with_clutter(rng, true, power, sensor)
-        scan, kept = _measured(rng, float(times[i]), true, power, sensor, errors)
+        true = np.column_stack([np.stack([distance, azimuth, doppler]), np.full(3, np.nan)])
+        scan, which = _measured(rng, float(times[i]), true, power, sensor, errors)
+        point = np.append(point, -1)[which]
         scans.append(scan)
-        targets.append(kept)
-    return Drive(scans, mounting, truth, targets, world)
+        targets.append(np.rec.fromarrays([kind[point], point, *true[:, which]], **_TARGET))
+    return Drive(scans, mounting, motion(times), targets, world)
 
 
 def _detected(
@@ -209,44 +200,34 @@ def _detected(
     return point[seen], power[seen]
 
 
-def _with_clutter(
-    rng: np.random.Generator, true: TrueTargets, power: Array, sensor: Sensor
-) -> tuple[TrueTargets, Array]:
-    """The targets with false ones among them, strongest first, and their power."""
-    false = rng.poisson(sensor.clutter)
-    unknown = np.full(false, np.nan)
-    both = TrueTargets(
-        np.concatenate([true.kind, np.full(false, "clutter")]),
-        np.concatenate([true.point, np.full(false, -1)]),
-        *(np.concatenate([each, unknown]) for each in (true.range, true.azimuth, true.doppler)),
-    )
-    # noise that exceeds the threshold exceeds it only slightly
-    power = np.concatenate([power, 1.0 + rng.exponential(size=false)])
-    order = np.argsort(-power)[: sensor.max_targets]
-    return both[order], power[order]
-
-
 def _measured(
     rng: np.random.Generator,
     time: float,
-    true: TrueTargets,
+    true: Array,
     power: Array,
     sensor: Sensor,
     errors: SensorErrors,
-) -> tuple[RadarScan, TrueTargets]:
-    """The scan of the targets whose measured range is positive, and the truth behind them."""
-    worse = np.sqrt(1.0 + 3.0 / power)
-    sigma = np.array([[sensor.sigma_range], [sensor.sigma_azimuth], [sensor.sigma_doppler]]) * worse
-    doppler = (1.0 + errors.scale) * true.doppler + errors.doppler
-    values = np.stack([true.range, true.azimuth + errors.azimuth, doppler])
+) -> tuple[RadarScan, NDArray[np.int_]]:
+    """A scan, strongest target first, and the column of each target in ``true`` (3, n + 1).
+
+    The last column stands for clutter; targets of which the measured range is not positive go.
+    """
+    # noise that exceeds the threshold exceeds it only slightly
+    power = np.append(power, 1.0 + rng.exponential(size=rng.poisson(sensor.clutter)))
+    order = np.argsort(-power)[: sensor.max_targets]
+    of_strong = sensor.sigma_range, sensor.sigma_azimuth, sensor.sigma_doppler
+    sigma = np.outer(of_strong, np.sqrt(1.0 + 3.0 / power[order]))
+    last = true.shape[1] - 1
+    which = np.minimum(order, last)
+    factor, shared = (1.0, 1.0, 1.0 + errors.scale), (0.0, errors.azimuth, errors.doppler)
+    values = (true.T[which] * factor + shared).T
     values += sigma * rng.standard_normal(values.shape)
-    clutter = true.kind == "clutter"
     low = np.array([sensor.min_range, -sensor.field_of_view, -_MAX_CLUTTER_DOPPLER])
     high = np.array([sensor.max_range, sensor.field_of_view, _MAX_CLUTTER_DOPPLER])
-    values[:, clutter] = rng.uniform(low, high, (clutter.sum(), 3)).T
+    values[:, which == last] = rng.uniform(low, high, ((which == last).sum(), 3)).T
     if sensor.quantised:
         steps = errors.rounding * STEPS
         values = np.round(values / steps) * steps
         sigma = np.clip(np.round(sigma / SIGMA_STEPS), 1, MAX_STEPS) * SIGMA_STEPS
     kept = values[0] > 0.0
-    return RadarScan(time, *values[:, kept], *sigma[:, kept]), true[kept]
+    return RadarScan(time, *values[:, kept], *sigma[:, kept]), which[kept]

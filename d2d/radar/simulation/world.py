@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from d2d import rigid
 from d2d._types import Array
@@ -28,7 +28,7 @@ _BUSHES = (-5.2, 8.0)
 _SIDEWALKS = (-4.6, 7.4)
 _ONCOMING_LANE = 3.2
 
-# Median strength of a reflection point and its spread in dB; see `Reflectors`.
+# Median strength of a reflection point and its spread in dB; see `World`.
 _STRENGTH = {
     "wall": (1.0, 5.0),
     "car": (1.0, 5.0),
@@ -39,24 +39,13 @@ _STRENGTH = {
 
 
 @dataclass(frozen=True, eq=False)
-class Reflectors:
-    """Stationary reflection points."""
-
-    positions: Array  # (n, 2), m
-    # radar cross-section (n,), relative to that of a point that is detected with probability 1/2 at
-    # the sensor's half_range
-    strength: Array
-    kind: NDArray[np.str_]  # (n,), "wall", "car", "pole" or "vegetation"
-
-
-@dataclass(frozen=True, eq=False)
 class Movers:
     """Reflection points on rigid bodies that follow the path beside the vehicle's own lane."""
 
     start: Array  # (m,), m along the path, of the body's frame at time 0
     speed: Array  # (m,), m/s along the path, negative if opposite to the vehicle's direction
     offset: Array  # (m, 2), m, of the point in that frame: x along the path, y to its left
-    strength: Array  # (m,), as for `Reflectors`
+    strength: Array  # (m,), as of a `World`
 
     def at(self, times: Array) -> tuple[Array, Array]:
         """Positions and velocities (..., m, 2) in m and m/s at times (...) in s."""
@@ -70,18 +59,19 @@ class Movers:
         return frame[..., :2] + arm, velocity
 
 
+NO_MOVERS = Movers(np.empty(0), np.empty(0), np.empty((0, 2)), np.empty(0))
+
+
 @dataclass(frozen=True, eq=False)
 class World:
-    """Everything that the radar can see.
+    """Reflection points, which stand still or move, and outlines that block the view of them."""
 
-    ``buildings`` and ``cars``, corners (n, 4, 2) of outlines in m, counter-clockwise, block the
-    view; the movers do not.
-    """
-
-    buildings: Array
-    cars: Array
-    reflectors: Reflectors
-    movers: Movers
+    buildings: Array  # (n, 4, 2), corners in m, counter-clockwise
+    cars: Array  # parked, likewise
+    points: Array  # (n, 2), m, which stand still
+    strength: Array  # (n,), of 1 for a point that half the scans detect at the sensor's half_range
+    kind: NDArray[np.str_]  # (n,), "wall", "car", "pole" or "vegetation"
+    movers: Movers = NO_MOVERS
 
     @property
     def walls(self) -> Array:
@@ -92,6 +82,12 @@ class World:
 def _edges(outlines: Array) -> Array:
     """Start and end (4 n, 2, 2) of the edges of outlines (n, 4, 2)."""
     return np.stack([outlines, np.roll(outlines, -1, axis=1)], axis=2).reshape(-1, 2, 2)
+
+
+def open_field(points: Array, strength: ArrayLike) -> World:
+    """A world of reflection points (n, 2) only, which nothing hides."""
+    none, kind = np.empty((0, 4, 2)), np.full(len(points), "pole")
+    return World(none, none, points, np.full(len(points), strength), kind)
 
 
 def visible(points: Array, walls: Array) -> NDArray[np.bool_]:
@@ -135,25 +131,23 @@ def lap_curvature(along: Array) -> Array:
     return np.asarray(_lap()[1](np.mod(along, LAP), 1))
 
 
-def lap_motion(times: Array, start: float, speed: float) -> Reference:
+def lap_motion(times: Array, start: float, speed: float, size: float = 1.0) -> Reference:
     """The motion at ``times`` (n,) in s of a vehicle that has driven for ``start`` s at time 0.
 
-    It has the mean ``speed`` in m/s, and slows down in bends, to half the speed on a straight where
-    they are tightest.
+    Its mean ``speed`` is in m/s; where bends are tightest, it has half the speed on a straight.
+    The lap may be ``size`` times as large as the street's.
     """
     position = _lap()[2]
-    laps, rest = np.divmod((times + start) * speed, LAP)
+    laps, rest = np.divmod((times + start) * speed / size, LAP)
     along, forward = position(rest) + LAP * laps, speed * position(rest, 1)
-    theta = np.stack([forward, np.zeros_like(forward), forward * lap_curvature(along)], axis=-1)
-    return Reference(times, theta, lap_poses(along))
+    turned = forward * lap_curvature(along) / size
+    theta = np.stack([forward, np.zeros_like(forward), turned], axis=-1)
+    return Reference(times, theta, lap_poses(along) * [size, size, 1.0])
 
 
 @cache
 def _lap() -> "tuple[scipy.interpolate.CubicHermiteSpline, ...]":
-    """Splines of position and heading over the distance (m), and of the distance over time.
-
-    The time is multiplied by the mean speed, so that it is in m as well.
-    """
+    """Splines of position and heading over the distance (m), and of it over time times speed."""
     spline = scipy.interpolate.CubicHermiteSpline
     # a quarter turn moves the path as far sideways as ahead
     fine = np.linspace(0.0, _CORNER, 2001)
@@ -166,7 +160,10 @@ def _lap() -> "tuple[scipy.interpolate.CubicHermiteSpline, ...]":
     curvature, turned = _bends(grid, starts)
     heading = spline(grid, turned @ _TURNS, curvature @ _TURNS)
     # Simpson's rule over each step
-    direction, middle = _direction(heading(grid)), _direction(heading(grid[1:] - 0.5 * _STEP))
+    direction, middle = (
+        np.column_stack([np.cos(yaw), np.sin(yaw)])
+        for yaw in (heading(grid), heading(grid[1:] - 0.5 * _STEP))
+    )
     steps = _STEP * (direction[:-1] + 4.0 * middle + direction[1:]) / 6.0
     place = np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
     # time per metre is 1 + _SLOWING |curvature| / tightest, relative to the straight
@@ -178,10 +175,6 @@ def _lap() -> "tuple[scipy.interpolate.CubicHermiteSpline, ...]":
     return spline(grid, place, direction), heading, progress
 
 
-def _direction(yaw: Array) -> Array:
-    return np.column_stack([np.cos(yaw), np.sin(yaw)])
-
-
 def _bends(along: Array, starts: Array) -> tuple[Array, Array]:
     """Unsigned curvature and angle turned (n, C) of each corner after ``along`` (n,) metres."""
     share = np.clip((along[:, None] - starts) / _CORNER, 0.0, 1.0)
@@ -190,10 +183,9 @@ def _bends(along: Array, starts: Array) -> tuple[Array, Array]:
 
 
 def build_world(rng: np.random.Generator, movers: int = 6) -> World:
-    """Line the street with buildings, parked cars, poles and bushes, and add moving objects.
+    """Line the street with buildings, parked cars, poles and bushes.
 
-    These are alternately cars in the oncoming lane and walkers on the sidewalks, in either
-    direction; ``movers`` is their number.
+    ``movers`` objects move, alternately cars in the oncoming lane and walkers on the sidewalks.
     """
     buildings, cars = _buildings(rng), _parked_cars(rng)
     places = {
@@ -202,12 +194,12 @@ def build_world(rng: np.random.Generator, movers: int = 6) -> World:
         "pole": _beside(rng, 25.0, _POLES),
         "vegetation": _bushes(rng),
     }
-    reflectors = Reflectors(
+    points, kinds = (
         np.concatenate(list(places.values())),
-        np.concatenate([_strengths(rng, kind, len(at)) for kind, at in places.items()]),
-        np.concatenate([np.full(len(at), kind) for kind, at in places.items()]),
+        np.repeat([*places], [*map(len, places.values())]),
     )
-    return World(buildings, cars, reflectors, _movers(rng, movers))
+    strength = np.concatenate([_strengths(rng, kind, len(at)) for kind, at in places.items()])
+    return World(buildings, cars, points, strength, kinds, _movers(rng, movers))
 
 
 def _strengths(rng: np.random.Generator, kind: str, count: int) -> Array:
@@ -258,10 +250,7 @@ def _parked_cars(rng: np.random.Generator) -> Array:
 def _along_outlines(
     rng: np.random.Generator, outlines: Array, spacing: float, depth: tuple[float, float]
 ) -> Array:
-    """Random points along outlines, at a random distance within ``depth`` (m) in front of them.
-
-    Window sills, pipes and door handles reflect, but not the plane surfaces between them.
-    """
+    """Random points along outlines, such as sills and handles, ``depth`` (m) in front of them."""
     edges = _edges(outlines)
     along = edges[:, 1] - edges[:, 0]
     length = np.linalg.norm(along, axis=-1)

@@ -139,9 +139,8 @@ def street(ax: Axes, world: World, pose: ArrayLike = (0.0, 0.0, 0.0)) -> None:
     for outlines, face, edge in ((world.buildings, WALL, "0.4"), (world.cars, CAR, "none")):
         corners = rigid.transform_means(to_frame, outlines.reshape(-1, 2)).reshape(outlines.shape)
         ax.add_collection(PolyCollection(list(corners), facecolor=face, edgecolor=edge))
-    still = world.reflectors
     for kind, size in (("wall", 1.0), ("car", 1.5), ("vegetation", 1.5), ("pole", 4.0)):
-        points = rigid.transform_means(to_frame, still.positions[still.kind == kind])
+        points = rigid.transform_means(to_frame, world.points[world.kind == kind])
         name = kind if kind != "car" else "parked car"
         ax.plot(*points.T, ".", color=COLOURS[kind], ms=size, label=name)
 

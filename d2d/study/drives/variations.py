@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from d2d._types import Array
 from d2d.radar import Drive, Track, estimate_ego_motion
-from d2d.radar.simulation.world import Movers, Reflectors, World
+from d2d.radar.simulation.world import World
 from d2d.study.runs import stacked
 
 
@@ -17,11 +17,9 @@ def sparse(world: World, rng: np.random.Generator) -> World:
 
     The points of a wall then lie farther apart than the errors of the sensor.
     """
-    still = world.reflectors
-    kept = rng.random(len(still.kind)) < 0.2
-    few = Reflectors(still.positions[kept], 4.0 * still.strength[kept], still.kind[kept])
-    none = Movers(np.empty(0), np.empty(0), np.empty((0, 2)), np.empty(0))
-    return World(world.buildings, world.cars, few, none)
+    kept = rng.random(len(world.kind)) < 0.2
+    few = world.points[kept], 4.0 * world.strength[kept], world.kind[kept]
+    return World(world.buildings, world.cars, *few)
 
 
 def track_from(drive: Drive, start: ArrayLike, **options: Any) -> Track:

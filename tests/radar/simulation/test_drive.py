@@ -11,7 +11,7 @@ from scipy.stats import kstest
 
 from d2d.radar import Drive, Mounting, doppler_velocity, simulate_drive
 from d2d.radar.simulation.drive import CAR_SPEED, MAX_STEPS, Sensor
-from d2d.radar.simulation.world import KINDS, World, build_world
+from d2d.radar.simulation.world import KINDS, open_field
 from tests.strategies import central_difference
 
 MOUNTING = Mounting(1.2, -0.4, 0.3)
@@ -38,31 +38,15 @@ def everything(driven: Drive, i: int) -> tuple[np.ndarray, np.ndarray]:
     """All points of the world in the sensor's frame at scan i, and their velocities over ground."""
     at, direction = sensor_frame(driven.truth.poses[i], driven.mounting)
     moving, velocity = driven.world.movers.at(driven.truth.times[i])
-    points = np.concatenate([driven.world.reflectors.positions, moving]) @ [1.0, 1.0j]
+    points = np.concatenate([driven.world.points, moving]) @ [1.0, 1.0j]
     ground = np.concatenate([np.zeros(len(points) - len(moving)), velocity @ [1.0, 1.0j]])
     return (points - at) / direction, ground / direction
-
-
-def bare(points: np.ndarray, strengths) -> World:
-    """A world of a few points and nothing else."""
-    world = build_world(np.random.default_rng(0), movers=0)
-    return World(
-        np.empty((0, 4, 2)),
-        np.empty((0, 4, 2)),
-        replace(
-            world.reflectors,
-            positions=points,
-            strength=np.array(strengths),
-            kind=np.full(len(points), "pole"),
-        ),
-        world.movers,
-    )
 
 
 def test_the_same_seed_gives_the_same_drive():
     """Breaks if anything draws from a state other than the generator."""
     first, again, other = (simulate_drive(np.random.default_rng(seed), 5.0) for seed in (1, 1, 2))
-    assert_array_equal(first.world.reflectors.positions, again.world.reflectors.positions)
+    assert_array_equal(first.world.points, again.world.points)
     for a, b in zip(first.scans, again.scans, strict=True):
         for name in ("time", *OUTPUTS, "sigma_azimuth"):
             assert_array_equal(getattr(a, name), getattr(b, name))
@@ -87,7 +71,7 @@ def test_scans_truth_and_labels_are_given_at_the_same_times():
 
 def test_velocity_is_the_derivative_of_the_poses():
     """Breaks if theta is not in the vehicle's axes."""
-    often, world, speed = Sensor(rate=50.0), bare(np.empty((0, 2)), []), CAR_SPEED
+    often, world, speed = Sensor(rate=50.0), open_field(np.empty((0, 2)), 1.0), CAR_SPEED
     rng = np.random.default_rng(0)
     truth = simulate_drive(rng, 300.0 / speed, speed, sensor=often, world=world).truth
     inner = slice(10, -10)  # a spline is less exact at its ends
@@ -134,7 +118,7 @@ def within(points: np.ndarray, outline: np.ndarray) -> np.ndarray:
 def test_truth_of_the_targets_is_that_of_their_points():
     """Breaks if targets and labels change places when the strongest are chosen."""
     driven = drive(6, mounting=MOUNTING)
-    still = len(driven.world.reflectors.kind)
+    still = len(driven.world.kind)
     for i in range(0, 301, 10):
         true = driven.targets[i]
         real = true.kind != "clutter"
@@ -147,7 +131,7 @@ def test_truth_of_the_targets_is_that_of_their_points():
         assert_allclose(true.azimuth, np.angle(points[true.point]), rtol=0, atol=1e-9)
         moving = true.point >= still
         assert_array_equal(true.kind == "moving", moving)
-        kinds = driven.world.reflectors.kind[true.point[~moving]]
+        kinds = driven.world.kind[true.point[~moving]]
         assert_array_equal(true.kind[~moving], kinds)
     assert {kind for true in driven.targets for kind in true.kind} == set(KINDS)
 
@@ -167,7 +151,7 @@ def test_doppler_is_the_range_rate_along_the_drive():
             moved = pose + np.array([time[0] * velocity.real, time[0] * velocity.imag, step[2]])
             at, _ = sensor_frame(moved, MOUNTING)
             movers = driven.world.movers.at(now + time[0])[0]
-            points = np.concatenate([driven.world.reflectors.positions, movers]) @ [1.0, 1.0j]
+            points = np.concatenate([driven.world.points, movers]) @ [1.0, 1.0j]
             return abs(points[true.point] - at)
 
         rate = central_difference(distances, np.zeros(1), np.array([1e-3]))[:, 0]
@@ -253,7 +237,7 @@ def test_a_scan_holds_at_most_48_targets_the_strongest():
 def test_detection_falls_with_range_as_swerling_says():
     """Breaks if a point of strength 1 at the half range is not detected every other time."""
     ranges, angle = np.array([12.0, 25.0, 35.0]), np.array([-0.3, 0.0, 0.3])
-    world = bare(np.column_stack([ranges * np.cos(angle), ranges * np.sin(angle)]), np.ones(3))
+    world = open_field(np.column_stack([ranges * np.cos(angle), ranges * np.sin(angle)]), 1.0)
     sensor = replace(SILENT, max_range=60.0, max_targets=10_000, rate=1.0)
     still = simulate_drive(
         np.random.default_rng(0), 3000.0, 1e-9, mounting=Mounting(), sensor=sensor, world=world
@@ -280,7 +264,7 @@ def test_clutter_comes_as_often_as_asked_for_and_from_everywhere():
     ):
         values = np.concatenate([getattr(scan, name) for scan in driven.scans])
         assert kstest(values, "uniform", args=(low, high - low)).pvalue > 0.01
-    world = bare(np.empty((0, 2)), [])
+    world = open_field(np.empty((0, 2)), 1.0)
     for sensor, options in ((replace(blind, clutter=0.0), {}), (SILENT, {"world": world})):
         none = simulate_drive(np.random.default_rng(1), 5.0, sensor=sensor, **options)
         assert {scan.size for scan in none.scans} == {0}

@@ -76,7 +76,7 @@ def test_movers_lag_too():
     world = build_world(np.random.default_rng(1), movers=60)
     late = drive(SensorErrors(lag=0.25), world=world)
     places, _ = world.movers.at(late.truth.times - 0.25)
-    first = len(late.world.reflectors.kind)
+    first = len(late.world.kind)
     pose = simulate_drive(
         np.random.default_rng(0), 2.0, CAR_SPEED, sensor=Sensor(half_range=1e-3), start=-0.25
     ).truth.poses

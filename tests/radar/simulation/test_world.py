@@ -41,14 +41,14 @@ def test_the_path_is_free():
         start, end = world.walls[:, :1], world.walls[:, 1:]
         walls = start + np.linspace(0.0, 1.0, 60)[:, None] * (end - start)
         moving, _ = world.movers.at(np.linspace(0.0, 60.0, 100))
-        for obstacles in (walls, world.reflectors.positions, moving):
+        for obstacles in (walls, world.points, moving):
             apart = np.linalg.norm(obstacles.reshape(-1, 1, 2) - path, axis=-1)
             assert apart.min() > 1.4
 
 
 def test_a_wall_is_a_row_of_points_in_front_of_it():
     """Breaks if points lie inside the house, where they would hide behind their own wall."""
-    points = WORLD.reflectors.positions[WORLD.reflectors.kind == "wall"]
+    points = WORLD.points[WORLD.kind == "wall"]
     edges = np.stack([WORLD.buildings, np.roll(WORLD.buildings, -1, axis=1)], axis=2)
     along = edges[:, :, 1] - edges[:, :, 0]
     outward = np.stack([along[..., 1], -along[..., 0]], axis=-1)
