@@ -158,12 +158,13 @@ def where(chosen: NDArray[np.bool_], one: Estimate, other: Estimate) -> Estimate
 
 
 class CrossDerivatives(NamedTuple):
-    """d2f / d theta d z, one block for each measured quantity."""
+    """d2f / d theta d z, one block for each measured quantity, and the inliers' shares."""
 
     fixed: Array  # (..., N, P, D): in the fixed means
     moving: Array  # (..., K, P, D): in the moving means
     measured: Array  # (..., K, P): in the measurement's values; zero without a measurement
     input: Array  # (..., K, P): in its inputs, through its predictions only; zero without one
+    share: Array  # (..., K): of the inlier component in each target's density
 
 
 @dataclass(frozen=True, eq=False)
@@ -445,6 +446,7 @@ class Problem:
             np.empty((count, self.targets, 3, 2)),
             np.empty((count, self.targets, 3)),
             np.empty((count, self.targets, 3)),
+            np.empty((count, self.targets)),
         )
 
         def run(first: int, last: int, stop: Array) -> None:

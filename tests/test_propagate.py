@@ -52,6 +52,8 @@ def cross_derivatives(problem):
     p, d = len(problem.theta), problem.fixed.dimension
     bound = problem.cost.problem(problem.fixed, problem.moving, problem.measurement)
     blocks = bound.cross_derivatives(bound.bind(problem.theta))._asdict()
+    shares = blocks.pop("share")
+    assert_allclose(shares[0], bound.inlier_shares(bound.bind(problem.theta)), rtol=1e-12)
     return {
         name: block[0][:, :p, :d] if block.ndim == 4 else block[0][:, :p]
         for name, block in blocks.items()

@@ -194,7 +194,7 @@ def cross_pair(pair, setting, fusion, memory, cross, own):
 
     With the sum, all targets share one density and one mean gradient, which a first round finds.
     """
-    by_fixed, by_moving, by_value, by_input = own
+    by_fixed, by_moving, by_value, by_input, shares = own
     w, lists = memory.scratch, memory.lists[0]
     fixed, moving, order = pair.fixed, pair.moving, pair.order
     factors, outlier = pair.factors, pair.outlier
@@ -231,6 +231,7 @@ def cross_pair(pair, setting, fusion, memory, cross, own):
             add_corrupted(w, fixed, setting, outlier, cross)
         for k in range(min(LANES, moving.shape[1] - first)):
             j = order[first + k]
+            shares[j] = w[rows.SHARE + k] if outlier[layout.KIND] != layout.NO_OUTLIER else 1.0
             for i in range(3):
                 x, y = w[rows.MOVED + 2 * i * LANES + k], w[rows.MOVED + (2 * i + 1) * LANES + k]
                 # from the rotated mean to the mean itself
@@ -264,9 +265,10 @@ def cross_batch(batch, thetas, begin, memory, cross, derivatives):
 
     In the fixed and moving means (C, targets, 3, 2), in the measurements' values (C, targets, 3)
     and, through their predictions only, in their inputs (C, targets, 3); the targets of a problem's
-    pairs one pair after the other.  ``cross`` is memory, ROWS for each target of a fixed set.
+    pairs one pair after the other.  Then the share (C, targets) of the inliers in each density.
+    ``cross`` is memory, ROWS for each target of a fixed set.
     """
-    by_fixed, by_moving, by_value, by_input = derivatives
+    by_fixed, by_moving, by_value, by_input, shares = derivatives
     for c in range(by_fixed.shape[0]):
         b, fixed_done, moving_done = begin + c, 0, 0
         for number in range(batch.first[b], batch.first[b + 1]):
@@ -278,7 +280,8 @@ def cross_batch(batch, thetas, begin, memory, cross, derivatives):
             own_moving = by_moving[c, moving_done : moving_done + m]
             own_value = by_value[c, moving_done : moving_done + m]
             own_input = by_input[c, moving_done : moving_done + m]
-            own = own_fixed, own_moving, own_value, own_input
+            own_share = shares[c, moving_done : moving_done + m]
+            own = own_fixed, own_moving, own_value, own_input, own_share
             cross_pair(pair, setting, batch.fusion, memory, cross, own)
             interval = batch.intervals[number]
             for i in range(n):

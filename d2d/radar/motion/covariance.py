@@ -7,18 +7,18 @@ targets share is the sum of their influences, times the error.
 """
 
 from collections.abc import Iterable, Sequence
-from itertools import chain
 from typing import NamedTuple, Unpack
 
 import numpy as np
+from numpy.typing import NDArray
 
 from d2d import rigid
 from d2d._checks import check_instance, check_shape
+from d2d._kernel import layout
 from d2d._kernel.errors import add_dependence, add_positions
 from d2d._types import Array
 from d2d.covariance import check_estimate, in_coordinates
-from d2d.point_set import PointSet
-from d2d.problem import Estimate, Pair, Problem
+from d2d.problem import Bound, Estimate, Problem
 from d2d.radar.motion.model import EgoMotionModel, ModelOptions
 from d2d.radar.motion.pairs import ScanPair, following, middle_of, problem_of, scan_pairs
 from d2d.radar.scans.budget import ErrorBudget
@@ -59,56 +59,67 @@ def propagate_ego_motion(
     check_shape("estimate.theta", estimate.theta, "(3,)")
     pairs = scan_pairs(previous, current, mounting)
     problem = problem_of(pairs, EgoMotionModel(**options))
-    check_estimate(estimate, problem, problem.bind(rigid.motion("estimate", estimate.theta, 2)))
+    bound = problem.bind(rigid.motion("estimate", estimate.theta, 2))
+    check_estimate(estimate, problem, bound)
     noise = np.diag(problem.prior)
-    for each in of_scans(chain.from_iterable(influences(problem, estimate, pairs))):
-        add_noise(each, shared_azimuth, noise)
+    add_noise(_added_up(influences(problem, bound, pairs), pairs), shared_azimuth, noise)
     return in_coordinates(estimate.covariance, noise)
 
 
 class Influence(NamedTuple):
-    """Derivatives of the cost's gradient in the measured values of one scan's K targets.
+    """Derivatives of the cost's gradient in the measured values of K targets, and their errors.
 
-    Those in Doppler velocities are zero for the previous scan of a pair, and without ``doppler``.
+    The targets are those of the previous scans of all pairs, then those of the current ones.
+    Derivatives in Doppler velocities are zero for previous scans, and without ``doppler``.
     """
 
-    scan: RadarScan
-    mounting: Mounting
-    points: PointSet  # the positions, with their covariances as the cost has them
     position: Array  # (K, 3, 2) per m, in the vehicle frame
     doppler: Array  # (K, 3) per m/s
     prediction: Array  # (K, 3) per rad of azimuth, by the predicted Doppler velocity alone
+    share: Array  # (K,) of the inliers in the density of current targets
+    covariances: Array  # (K, 2, 2) of the positions, as the cost has them
+    cross_range: Array  # (K, 2) m per rad of azimuth
+    sigma_azimuth: Array  # (K,)
+    sigma_doppler: Array  # (K,)
+    starts: NDArray[np.int_]  # (2 P,) the first target of each scan
 
 
-def influences(
-    problem: Problem, estimate: Estimate, pairs: Sequence[ScanPair]
-) -> list[tuple[Influence, Influence]]:
-    """The influences of the previous and the current scan of each pair at an optimum (3,)."""
-    cross = problem.cross_derivatives(problem.bind(estimate.theta), 0, 1)
-    found, fixed, moving = [], 0, 0
-    for pair, (previous, current, mounting) in zip(problem.pairs, pairs, strict=True):
-        of_fixed = slice(fixed, fixed := fixed + pair.fixed.size)
-        of_moving = slice(moving, moving := moving + pair.moving.size)
-        none = np.zeros((pair.fixed.size, 3))
-        before = Influence(previous, mounting, pair.fixed, cross.fixed[0, of_fixed], none, none)
-        now = (each[0, of_moving] for each in cross[1:])
-        found.append((before, Influence(current, mounting, pair.moving, *now)))
-    return found
+def influences(problem: Problem, bound: Bound, pairs: Sequence[ScanPair]) -> Influence:
+    """The influences of all scans of P pairs at the optimum to which their problem is bound."""
+    cross = problem.cross_derivatives(bound)
+    scans = [(pair.previous, pair.mounting) for pair in pairs]
+    scans += [(pair.current, pair.mounting) for pair in pairs]
+    sets = [pair.fixed for pair in problem.pairs] + [pair.moving for pair in problem.pairs]
+    none = np.zeros((cross.fixed.shape[1], 3))
+    return Influence(
+        np.concatenate([cross.fixed[0], cross.moving[0]]),
+        np.concatenate([none, cross.measured[0]]),
+        np.concatenate([none, cross.input[0]]),
+        np.concatenate([none[:, 0], cross.share[0]]),
+        np.concatenate([points.covariances for points in sets]),
+        np.concatenate([cross_range(*scan) for scan in scans]),
+        np.concatenate([scan.sigma_azimuth for scan, _ in scans]),
+        np.concatenate([scan.sigma_doppler for scan, _ in scans]),
+        np.cumsum([0, *(points.size for points in sets[:-1])]),
+    )
 
 
-def of_scans(found: Iterable[Influence]) -> Iterable[Influence]:
+def _added_up(found: Influence, pairs: Sequence[ScanPair]) -> Influence:
     """The influences of each scan, added up over the pairs that it is in.
 
     Scans are the same if all that they hold is the same, and the mounting.
     """
-    total: dict[tuple[object, ...], Influence] = {}
-    for each in found:
-        arrays = (value for value in vars(each.scan).values() if isinstance(value, np.ndarray))
-        key = (each.mounting, each.scan.time, *(array.tobytes() for array in arrays))
-        before = total.get(key)
-        added = each if before is None else Influence(*each[:3], *map(np.add, before[3:], each[3:]))
-        total[key] = added
-    return total.values()
+    firsts: dict[tuple[object, ...], int] = {}
+    places = []  # of each target, where those of the same scan begin
+    scans = [pair.previous for pair in pairs] + [pair.current for pair in pairs]
+    for scan, pair, start in zip(scans, [*pairs, *pairs], found.starts.tolist(), strict=True):
+        arrays = (value for value in vars(scan).values() if isinstance(value, np.ndarray))
+        key = (pair.mounting, scan.time, *(array.tobytes() for array in arrays))
+        places.append(firsts.setdefault(key, start) + np.arange(scan.size))
+    position, doppler, prediction = (np.zeros_like(each) for each in found[:3])
+    for total, each in zip((position, doppler, prediction), found[:3], strict=True):
+        np.add.at(total, np.concatenate(places), each)
+    return found._replace(position=position, doppler=doppler, prediction=prediction)
 
 
 def add_noise(own: Influence, shared_azimuth: bool, noise: Array) -> None:
@@ -118,15 +129,14 @@ def add_noise(own: Influence, shared_azimuth: bool, noise: Array) -> None:
     its predicted Doppler velocity; else two independent ones do.  The rest of the positions'
     covariances, range and extent, belongs to the positions alone.
     """
-    add_positions(own.position[None], own.points.covariances[None], noise[None])
-    if own.doppler.any():
-        doppler = own.scan.sigma_doppler[:, None] * own.doppler
-        turned = own.scan.sigma_azimuth[:, None] * own.prediction
-        noise += doppler.T @ doppler + turned.T @ turned
-        if shared_azimuth:  # the positions' covariances hold the square of their own part
-            across = own.scan.sigma_azimuth[:, None] * cross_range(own.scan, own.mounting)
-            both = turned.T @ np.einsum("kij,kj->ki", own.position, across)
-            noise += both + both.T
+    add_positions(own.position[None], own.covariances[None], noise[None])
+    doppler = own.sigma_doppler[:, None] * own.doppler
+    turned = own.sigma_azimuth[:, None] * own.prediction
+    noise += doppler.T @ doppler + turned.T @ turned
+    if shared_azimuth:  # the positions' covariances hold the square of their own part
+        across = own.sigma_azimuth[:, None] * own.cross_range
+        both = turned.T @ np.einsum("kij,kj->ki", own.position, across)
+        noise += both + both.T
 
 
 # Of a budget's standard deviations.  0.1 to 0.3 raise the mean log score of seven drives by 0.03 to
@@ -134,39 +144,50 @@ def add_noise(own: Influence, shared_azimuth: bool, noise: Array) -> None:
 _MARGINALISED = 0.2
 
 
-def marginalise_shared(
-    now: Influence, pair: Pair, theta: Array, inliers: Array, budget: ErrorBudget
-) -> tuple[Influence, Array, Array]:
-    """Take shared errors into the weights of a scan's Doppler velocities.
+class _Measured(NamedTuple):
+    """The Doppler velocities of K current targets as measurements of the common velocity."""
 
-    The cost has independent errors, which make these velocities too sure, of omega above all.  With
-    shared errors B s beside them, s ~ N(0, I), the weights W of the targets become
+    value: Array  # (K,) m/s
+    gain: Array  # (K, 3), derivatives of the predicted value in the velocity
+    turned: Array  # (K,) m/s per rad, its derivative in the azimuth
+    variance: Array  # (K,)
 
-        (W^-1 + B B')^-1 = W - W B (I + B' W B)^-1 B' W
+    @classmethod
+    def of(cls, factors: Array, theta: Array, intervals: Array) -> "_Measured":
+        """The measurements (K, 9) at a velocity (3,), for the intervals (K,) of their pairs."""
+        gain = intervals[:, None] * factors[:, layout.GAIN : layout.GAIN + 3]
+        turned = intervals * (factors[:, layout.SLOPE : layout.SLOPE + 3] @ theta)
+        variance = factors[:, layout.VARIANCE] + factors[:, layout.INPUT_VARIANCE] * turned**2
+        return cls(factors[:, layout.VALUE], gain, turned, variance)
 
-    Returns the influence of the scan at the velocity ``theta`` (3,), and what is lost of Hessian
-    (3, 3) and gradient (3,).
-    """
-    measured = pair.measurement
-    if measured is None or not inliers.any():
-        return now, np.zeros((3, 3)), np.zeros(3)
-    motion, gain = pair.interval * theta, pair.interval * measured.gain
-    turned = measured.slope @ motion  # m/s per rad of azimuth
-    sigmas = _MARGINALISED * np.array([budget.doppler, budget.azimuth])
-    common = np.column_stack([np.ones_like(turned), turned]) * sigmas
-    weights = inliers / (measured.sigma**2 + (measured.sigma_input * turned) ** 2)
-    weighted = weights[:, None] * common
-    lost = weighted @ np.linalg.solve(np.eye(2) + common.T @ weighted, weighted.T @ gain)
-    less = now._replace(
-        doppler=now.doppler + lost, prediction=now.prediction - turned[:, None] * lost
-    )
-    return less, gain.T @ lost, (measured.gain @ motion - measured.value) @ lost
+    def marginalised(
+        self,
+        share: Array,
+        budget: ErrorBudget,
+        starts: NDArray[np.int_],
+        pair: NDArray[np.int_],
+    ) -> Array:
+        """What shared errors take off the targets' weights, times their gains (K, 3).
+
+        The cost has independent errors, which make Doppler velocities too sure, of omega above all.
+        With errors B s beside them that a scan shares, s ~ N(0, I), the weights W become
+
+            (W^-1 + B B')^-1 = W - W B (I + B' W B)^-1 B' W
+        """
+        both = np.empty((len(pair), 5))  # B and the gains
+        both[:, 0] = _MARGINALISED * budget.doppler
+        both[:, 1] = _MARGINALISED * budget.azimuth * self.turned
+        both[:, 2:] = self.gain
+        weighted = (share / self.variance)[:, None] * both[:, :2]
+        sums = np.add.reduceat(weighted[:, :, None] * both[:, None], starts)
+        pulls = np.linalg.solve(np.eye(2) + sums[..., :2], sums[..., 2:])
+        return np.asarray((weighted[:, None] @ pulls[pair])[:, 0])
 
 
 class Budgeted(NamedTuple):
     """Covariance contributions of a budget to a velocity from P pairs of scans, without the lag.
 
-    The step leads from the estimate to the velocity with the weights of `marginalise_shared`.  The
+    The step leads from the estimate to the velocity with the weights that shared errors leave.  The
     delay, times the acceleration, is how far this is from the velocity at a common time: positions
     give the mean velocity over an interval, and Doppler velocities belong to the later scan.  The
     lead, times an acceleration, is how far the estimate moves if `problem_of` gets that.
@@ -193,53 +214,63 @@ def apply_budget(
 
     ``pairs`` and ``near`` are those of the problem; each pair is of another sensor.
     """
-    found, hessian, gradient = influences(problem, estimate, pairs), estimate.hessian, np.zeros(3)
-    seen, inliers = 0, np.zeros(problem.targets)
-    if budget.azimuth or budget.doppler:  # else nothing is shared
-        inliers = problem.inlier_shares(problem.bind(estimate.theta))
-    noise, delayed, led = np.zeros((3, 3, 3))
-    common = middle_of(pairs)
+    bound, count = problem.bind(estimate.theta), len(pairs)
+    found = influences(problem, bound, pairs)
+    intervals = np.array([pair.interval for pair in pairs])
+    middles = np.array([pair.middle for pair in pairs])
+    times, common = middles + 0.5 * intervals, middle_of(pairs)
+    first = int(found.starts[count])  # of the current targets
+    starts = found.starts[count:] - first
+    pair = np.repeat(np.arange(count), [each.moving.size for each in problem.pairs])
+    hessian, gradient = estimate.hessian, np.zeros(3)
+    measured = None
+    if problem.pairs[0].measurement is not None:
+        measured = _Measured.of(bound.batch.factors, estimate.theta, intervals[pair])
+        if budget.azimuth or budget.doppler:  # else nothing is shared
+            lost = measured.marginalised(found.share[first:], budget, starts, pair)
+            found.doppler[first:] += lost
+            found.prediction[first:] -= measured.turned[:, None] * lost
+            hessian = hessian - measured.gain.T @ lost
+            gradient = (measured.value - measured.gain @ estimate.theta) @ lost
+    noise = np.zeros((3, 3))
+    add_noise(found, True, noise)
+    if budget.neighbours:
+        sets = [each.fixed for each in problem.pairs] + [each.moving for each in problem.pairs]
+        means = np.concatenate([points.means for points in sets])
+        scan = np.repeat(np.arange(2 * count), [points.size for points in sets])
+        order, memory = np.lexsort([means[:, 0], scan]), np.empty((9, len(means)))
+        of_targets = found.position, found.covariances, means, scan
+        add_dependence(*of_targets, order, budget.neighbours, memory, noise)
+    turned = np.add.reduceat(
+        np.einsum("kij,kj->ki", found.position, found.cross_range), found.starts
+    )
+    azimuth = turned[:count] + turned[count:]
+    # the gradient's derivatives in small motions that follow those of the pairs
+    moved = np.empty((count, 3, 3))
+    moved[..., :2] = np.add.reduceat(found.position[first:], starts)
+    levers = np.array([[-each.mounting.y, each.mounting.x] for each in pairs])
+    moved[..., 2] = turned[count:] + np.einsum("pij,pj->pi", moved[..., :2], levers)
+    moved *= -intervals[:, None, None]
+    # with [., .] the bracket of SE(2), a constant acceleration a moves a vehicle that turns by
+    # exp(tau (theta + tau^2 / 12 [theta, a])), theta that in the middle (Magnus 1954)
     v_x, v_y, omega = estimate.theta.tolist()
     bracket = np.array([[0.0, -omega, v_y], [omega, 0.0, -v_x], [0.0, 0.0, 0.0]])
-    columns = []  # of each pair (3, 3): by its azimuth, its Doppler and the scale error
-    for given, pair, (before, now) in zip(pairs, problem.pairs, found, strict=True):
-        own = inliers[seen : (seen := seen + pair.moving.size)]
-        now, lost, pull = marginalise_shared(now, pair, estimate.theta, own, budget)
-        hessian, gradient = hessian - lost, gradient - pull
-        shared, turned = np.zeros((3, 3)), np.zeros((2, 3))
-        for each, total in zip((before, now), turned, strict=True):
-            add_noise(each, True, noise)
-            across = cross_range(each.scan, each.mounting)
-            total += np.einsum("kij,kj->i", each.position, across)
-            if budget.neighbours:
-                means, covariances = each.points.means, each.points.covariances
-                order, memory = means[:, 0].argsort(kind="stable"), np.empty((9, len(means)))
-                length = budget.neighbours
-                add_dependence(each.position, covariances, means, order, length, memory, noise)
-        shared[0] = turned.sum(axis=0)
-        # the gradient's derivative in a small motion that follows the pair's own
-        moved = np.empty((3, 3))
-        moved[:, :2] = now.position.sum(axis=0)
-        moved[:, 2] = turned[1] + moved[:, :2] @ [-now.mounting.y, now.mounting.x]
-        share = -pair.interval * moved
-        # with [., .] the bracket of SE(2), a constant acceleration a moves a vehicle that turns by
-        # exp(tau (theta + tau^2 / 12 [theta, a])), theta that in the middle (Magnus 1954)
-        mean = pair.interval**2 / 12.0 * bracket
-        late = (given.middle - time) * np.eye(3) + mean
-        delayed += share @ following(pair.interval * estimate.theta) @ late
-        led -= (given.middle - common) * share @ following(pair.interval * near)
-        if pair.measurement is not None:
-            shared[0] += now.prediction.sum(axis=0)
-            shared[1] += now.doppler.sum(axis=0)
-            shared[2] += now.scan.doppler @ now.doppler
-            share = pair.interval * (now.doppler.T @ pair.measurement.gain)
-            delayed += (now.scan.time - time) * share
-            led -= (now.scan.time - common) * share
-        columns.append(shared)
-    azimuth, doppler, scale = np.array(columns).swapaxes(0, 1)
+    late = (middles - time)[:, None, None] * np.eye(3)
+    late += (intervals**2 / 12.0)[:, None, None] * bracket
+    follow = moved @ following(intervals[:, None] * np.stack([estimate.theta, near])[:, None])
+    delayed = (follow[0] @ late).sum(axis=0)
+    led = (follow[1] * (common - middles)[:, None, None]).sum(axis=0)
+    doppler, scale = np.zeros((count, 3)), np.zeros(3)
+    if measured is not None:
+        by_value = found.doppler[first:]
+        azimuth += np.add.reduceat(found.prediction[first:], starts)
+        doppler = np.add.reduceat(by_value, starts)
+        scale = np.concatenate([each.current.doppler for each in pairs]) @ by_value
+        delayed += (by_value * (times - time)[pair, None]).T @ measured.gain
+        led += (by_value * (common - times)[pair, None]).T @ measured.gain
     slip = [0.0, np.sqrt(problem.prior[1]), 0.0]  # of v_y, the only one that has a prior
     slow = np.vstack(
-        [budget.azimuth * azimuth, budget.doppler * doppler, budget.scale * scale.sum(axis=0), slip]
+        [budget.azimuth * azimuth, budget.doppler * doppler, budget.scale * scale, slip]
     )
     covariance = np.asarray(np.linalg.inv(hessian), dtype=np.float64)
     white, gain = in_coordinates(covariance, noise), -covariance

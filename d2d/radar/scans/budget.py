@@ -2,10 +2,7 @@
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from d2d._checks import ANGLE, NOT_NEGATIVE, Bounded, number
-from d2d._types import Array
 
 # Beyond it a covariance, in whatever unit, holds nothing but the budget, or overflows.
 _SIGMA = NOT_NEGATIVE._replace(most=1e3)
@@ -47,8 +44,3 @@ class ErrorBudget(Bounded):
     v_x: float = number(0.0, _SIGMA)
     v_y: float = number(0.0, _SIGMA)
     omega: float = number(0.0, _SIGMA)
-
-    @property
-    def constant(self) -> Array:
-        """The covariance (3, 3) of the velocity's own errors, in m/s, m/s, rad/s."""
-        return np.diag(np.square([self.v_x, self.v_y, self.omega]))

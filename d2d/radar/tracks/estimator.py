@@ -94,7 +94,7 @@ class OdometryEstimator:
         self.guessed = guess(self.guessed, current.time)
         if rate is not None:
             self.guessed = update_yaw_rate(self.guessed, rate)
-        return row._replace(theta=self.guessed.whole.mean[:3], errors=self.guessed.errors)
+        return row._replace(theta=self.guessed.mean[:3], errors=self.guessed.errors)
 
     def failed(self, current: Round, reason: str) -> VelocityEstimate:
         """The row of a round of which nothing is known."""
@@ -116,7 +116,7 @@ class OdometryEstimator:
             predicted = update_yaw_rate(predicted, rate)
         acceleration = np.zeros(3)
         if predicted is not None:
-            acceleration = predicted.whole.mean[3:6]
+            acceleration = predicted.mean[3:6]
         elif self.budget is not None:
             first = doppler_acceleration(pairs if self.model.doppler else (), UNKNOWN)
             acceleration = first.value
@@ -133,8 +133,8 @@ class OdometryEstimator:
             # the columns of the slow errors in the places of their sensors
             numbers, slow = current.sensors, np.zeros((3, 2 * self.sensors + 2))
             slow[:, [*numbers, *(self.sensors + n for n in numbers), -2, -1]] = found.slow
-            if (constant := np.sqrt(self.budget.constant)).any():
-                slow = np.column_stack([slow, constant])
+            if any(constant := (self.budget.v_x, self.budget.v_y, self.budget.omega)):
+                slow = np.column_stack([slow, np.diag(constant)])
             velocity = theta + found.step - found.lead @ acceleration
             raw = FilterInput(velocity, found.white, found.delay, slow, self.budget.lag)
             theta, covariance = velocity - raw.delay @ acceleration, raw.covariance
@@ -154,7 +154,7 @@ class OdometryEstimator:
                 belief = belief if rate is None else update_yaw_rate(belief, rate)
             self.belief = self.guessed = belief
             errors = belief.errors
-            theta, covariance = belief.whole.mean[:3], errors[1, :3, :3]
+            theta, covariance = belief.mean[:3], errors[1, :3, :3]
             row = row._replace(filter_input=raw, errors=errors)
             if self.records is not None:
                 self.records.append(belief)

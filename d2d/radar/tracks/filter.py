@@ -68,15 +68,19 @@ class Belief(NamedTuple):
 
     def combined(self, shares: Array) -> "Belief":
         """The moments of mixtures of the m modes with the shares (..., m)."""
-        mean = np.einsum("...m,...mi->...i", shares, self.mean)
+        mean = (shares[..., None, :] @ self.mean)[..., 0, :]
         apart = self.mean - mean[..., None, :]
-        covariance = np.einsum("...m,...mij->...ij", shares, self.covariance)
-        covariance += np.einsum("...m,...mi,...mj->...ij", shares, apart, apart)
-        return Belief(
-            mean,
-            0.5 * (covariance + covariance.swapaxes(-1, -2)),
-            np.einsum("...m,...mij->...ij", shares, self.cross),
-        )
+        covariance = _weighted(shares, self.covariance)
+        covariance += (shares[..., None] * apart).swapaxes(-1, -2) @ apart
+        covariance = 0.5 * (covariance + covariance.swapaxes(-1, -2))
+        return Belief(mean, covariance, _weighted(shares, self.cross))
+
+
+def _weighted(shares: Array, matrices: Array) -> Array:
+    """Means of matrices (..., m, i, j) with the shares (..., m)."""
+    rows = matrices.reshape(*matrices.shape[:-2], -1)
+    mean = shares[..., None, :] @ rows
+    return np.asarray(mean.reshape(*mean.shape[:-2], *matrices.shape[-2:]))
 
 
 class Mixture(NamedTuple):
@@ -88,6 +92,11 @@ class Mixture(NamedTuple):
     predicted: Array | None = None  # (m,) those before the estimate; None where the filter begins
     passed: float = 0.0  # s, since the estimate before
     transition: Array | None = None  # (n, n + k) of errors, from the estimate before to this one
+
+    @property
+    def mean(self) -> Array:
+        """The mean (n,) of all modes together."""
+        return np.asarray(self.shares @ self.modes.mean)
 
     @property
     def whole(self) -> Belief:
@@ -161,8 +170,10 @@ def _mode_changes(passed: float) -> Array:
 def update(predicted: Mixture, given: FilterInput) -> Mixture:
     """The belief after an estimate at the predicted time, anew where no mode explains it."""
     means = predicted.modes.mean
-    to = np.pad(np.hstack([np.eye(3), given.delay]), [(0, 0), (0, means.shape[-1] - 6)])
-    slow = np.stack([np.column_stack([given.slow, -given.lag * each[3:6]]) for each in means])
+    to = np.eye(3, means.shape[-1])
+    to[:, 3:6] = given.delay
+    slow = np.empty((len(means), 3, given.slow.shape[1] + 1))
+    slow[..., :-1], slow[..., -1] = given.slow, -given.lag * means[:, 3:6]
     interval = 2.0 * abs(given.delay[2, 2])
     uneven = max(interval / 5.0, interval**2 / (9.0 * predicted.passed))
     uneven *= given.delay @ JERK @ given.delay.T
@@ -191,9 +202,11 @@ def _updated(
     with_state = to @ covariance + slow @ cross.swapaxes(-1, -2)  # (m, r, n), of the measurement
     with_slow = to @ cross + slow  # (m, r, k)
     spread = with_state @ to.T + with_slow @ slow.swapaxes(-1, -2) + white
-    gain = np.linalg.solve(spread, with_state).swapaxes(-1, -2)
     innovation = value - mean @ to.T
-    squares = (innovation * np.linalg.solve(spread, innovation[..., None])[..., 0]).sum(axis=-1)
+    given = np.concatenate([with_state, innovation[..., None]], axis=-1)
+    solved = np.linalg.solve(spread, given)
+    gain = solved[..., :-1].swapaxes(-1, -2)
+    squares = (innovation * solved[..., -1]).sum(axis=-1)
     log_likelihood = -0.5 * (squares + np.linalg.slogdet(spread)[1])
     weights = predicted.shares * np.exp(log_likelihood - log_likelihood.max())
     shares = weights / weights.sum()
@@ -206,9 +219,9 @@ def _updated(
     found = predicted._replace(shares=shares, modes=modes)
     if predicted.transition is not None:  # the means over the modes of (I - K H) F and -k K G
         size = mean.shape[-1]
-        moved = np.tensordot(shares, np.eye(size) - gain @ to, 1) @ predicted.transition
+        moved = (np.eye(size) - _weighted(shares, gain) @ to) @ predicted.transition
         faded = np.exp(-predicted.passed / PERSISTENCE)
-        moved[:, size:] -= faded * np.tensordot(shares, gain @ slow, 1)
+        moved[:, size:] -= faded * _weighted(shares, gain @ slow)
         found = found._replace(transition=moved)
     return found, float(squares.min())
 
@@ -216,11 +229,12 @@ def _updated(
 def _moved(belief: Belief, passed: float) -> Belief:
     """The belief of each mode after a time in s."""
     move = _transition(passed, belief.mean.shape[-1])
-    walk = np.kron([[passed**3 / 3.0, passed**2 / 2.0], [passed**2 / 2.0, passed]], JERK)
-    added = JERK_SCALES[:, None, None] * np.pad(walk, (0, len(move) - 6))
+    walk = np.zeros_like(move)
+    walk[:3, :3], walk[3:6, 3:6] = passed**3 / 3.0 * JERK, passed * JERK
+    walk[:3, 3:6] = walk[3:6, :3] = passed**2 / 2.0 * JERK
     return Belief(
         belief.mean @ move.T,
-        move @ belief.covariance @ move.T + added,
+        move @ belief.covariance @ move.T + JERK_SCALES[:, None, None] * walk,
         np.exp(-passed / PERSISTENCE) * move @ belief.cross,
     )
 
@@ -228,7 +242,7 @@ def _moved(belief: Belief, passed: float) -> Belief:
 def _transition(passed: float, size: int) -> Array:
     """The matrix (size, size) by which a state moves on over a time in s."""
     move = np.eye(size)
-    move[:3, 3:6] = passed * np.eye(3)
+    move[[0, 1, 2], [3, 4, 5]] = passed
     return move
 
 

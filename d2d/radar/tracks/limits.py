@@ -88,12 +88,14 @@ class VehicleLimits:
             return ""
         interval = state.time - last.time
         enough = min(interval, math.sqrt(interval * _HARD))
-        change = np.abs(state.theta - last.theta)
-        spread = _SIGMAS * np.hypot(sigmas, np.sqrt(last.covariance.diagonal()))
-        limits = np.array([self.acceleration, self.acceleration, self.yaw_acceleration])
-        beyond = np.flatnonzero(change > limits * enough + spread)
-        if not len(beyond):
-            return ""
-        kind = "a yaw acceleration" if beyond[0] == 2 else "an acceleration"
-        unit = ("m/s^2 along x", "m/s^2 along y", "rad/s^2")[beyond[0]]
-        return f"{kind} of {change[beyond[0]] / interval:.1f} {unit}"
+        limits = self.acceleration, self.acceleration, self.yaw_acceleration
+        before = last.theta.tolist(), np.sqrt(last.covariance.diagonal()).tolist()
+        units = "m/s^2 along x", "m/s^2 along y", "rad/s^2"
+        for now, sigma, then, spread, limit, unit in zip(
+            theta, sigmas, *before, limits, units, strict=True
+        ):
+            change = abs(now - then)
+            if change > limit * enough + _SIGMAS * math.hypot(sigma, spread):
+                kind = "an acceleration" if unit.startswith("m") else "a yaw acceleration"
+                return f"{kind} of {change / interval:.1f} {unit}"
+        return ""

@@ -202,7 +202,7 @@ class Rounds:
         order = sorted(scans, key=lambda s: (scans[s].time, *places[s].pose))
         chosen = {s: self.histories[s].paired(scans[s]) for s in order}
         pairs = {s: pair for s, pair in chosen.items() if pair is not None}
-        time = float(np.mean([scans[s].time for s in order]))
+        time = sum(scans[s].time for s in order) / len(order)
         interval, self.last = time - self.last, time
         if math.isnan(interval) and not self._stepped_back:
             return []

@@ -319,7 +319,7 @@ def _smoothed(driven: Track, records: list[Mixture]) -> Track:
     theta, covariance, errors = (
         each.copy() for each in (driven.theta, driven.covariance, driven.errors)
     )
-    theta[good] = [each.whole.mean[:3] for each in smoothed]
+    theta[good] = [each.mean[:3] for each in smoothed]
     errors[good] = [each.errors for each in smoothed]
     covariance[good] = errors[good, 1, :3, :3]
     return replace(driven, theta=theta, covariance=covariance, errors=errors)

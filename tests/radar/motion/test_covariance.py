@@ -293,22 +293,18 @@ def test_the_same_pair_twice_tells_nothing_new():
 def test_more_scatter_of_the_positions_is_none_of_the_azimuth():
     """Breaks if the share is taken from the positions' covariances, not the azimuth's sigma."""
     pairs = pairs_of(several(np.random.default_rng(4)))
-    both = influences(problem_of(pairs, EgoMotionModel()), estimated(pairs), pairs)
-    found = [each for of_pair in both for each in of_pair]
-    extended = [
-        each._replace(
-            points=PointSet(each.points.means, each.points.covariances + 0.09 * np.eye(2))
-        )
-        for each in found
-    ]
-    more = sum(np.einsum("kid,kjd->ij", each.position, each.position) for each in found)
+    problem = problem_of(pairs, EgoMotionModel())
+    found = influences(problem, problem.bind(estimated(pairs).theta), pairs)
+    extended = found._replace(covariances=found.covariances + 0.09 * np.eye(2))
+    more = np.einsum("kid,kjd->ij", found.position, found.position)
     noise = np.zeros((2, 3, 3))
-    for total, scans in zip(noise, (found, extended), strict=True):
-        for each in scans:
-            add_noise(each, True, total)
+    for total, each in zip(noise, (found, extended), strict=True):
+        add_noise(each, True, total)
     assert_allclose(noise[1], noise[0] + 0.09 * more, rtol=1e-9)
-    for each in found:
-        assert_array_equal(each.points.covariances, each.scan.point_set(each.mounting).covariances)
+    scans = [(pair.previous, pair.mounting) for pair in pairs]
+    scans += [(pair.current, pair.mounting) for pair in pairs]
+    stated = np.concatenate([scan.point_set(mounting).covariances for scan, mounting in scans])
+    assert_array_equal(found.covariances, stated)
 
 
 # ---- what has no covariance, and what is refused
@@ -430,11 +426,15 @@ def test_neighbours_share_what_their_distance_says():
     for length, pairs in ((2.0, two_pairs()), (200.0, two_pairs(3, 10))):
         expected = np.zeros((3, 3))
         estimate = estimated(pairs)
-        both = influences(problem_of(pairs, EgoMotionModel()), estimate, pairs)
-        for each in [each for of_pair in both for each in of_pair]:
-            position = estimate.covariance @ each.position
-            rooted = position @ np.array([sqrtm(own) for own in each.points.covariances])
-            apart = np.linalg.norm(each.points.means[:, None] - each.points.means, axis=-1)
+        problem = problem_of(pairs, EgoMotionModel())
+        each = influences(problem, problem.bind(estimate.theta), pairs)
+        scans = [pair.previous for pair in pairs] + [pair.current for pair in pairs]
+        ends = np.append(each.starts, len(each.position))
+        for i, (scan, pair) in enumerate(zip(scans, [*pairs, *pairs], strict=True)):
+            own, means = slice(*ends[i : i + 2]), scan.point_set(pair.mounting).means
+            position = estimate.covariance @ each.position[own]
+            rooted = position @ np.array([sqrtm(cov) for cov in each.covariances[own]])
+            apart = np.linalg.norm(means[:, None] - means, axis=-1)
             alike = np.where(apart < 5.0 * length, np.exp(-apart / length), 0.0)
             np.fill_diagonal(alike, 0.0)
             expected += np.einsum("kl,kid,ljd->ij", alike, rooted, rooted)
