@@ -167,7 +167,7 @@ class _Measured(NamedTuple):
         starts: NDArray[np.int_],
         pair: NDArray[np.int_],
     ) -> Array:
-        """What shared errors take off the targets' weights, times their gains (K, 3).
+        """The loss of the targets' weights to shared errors, times their gains (K, 3).
 
         The cost has independent errors, which make Doppler velocities too sure, of omega above all.
         With errors B s beside them that a scan shares, s ~ N(0, I), the weights W become
