@@ -11,7 +11,7 @@ labs.define(
     seed: 1,
   }),
   (lab) => {
-    const { svg, html, fixed: number, range, clamp, bar, panel, formOf, COSTS, SCENE } = labs;
+    const { svg, html, fixed: number, bar, panel, planar, formOf, COSTS, SCENE } = labs;
     const { theta: TRUTH, sigmaRange: SIGMA_RANGE, sigmaAzimuth: SIGMA_AZIMUTH } = SCENE,
       { mean } = d2d,
       MOST = 1000;
@@ -90,8 +90,7 @@ labs.define(
 
     // ---- Pictures ---------------------------------------------------------------------------------------------------------------
 
-    const CHI3 = 7.814728,
-      CHI2 = 5.991465; // 95 % of chi-square with 3 and 2 degrees of freedom
+    const [CHI2, CHI3] = [2, 3].map((n) => d2d.chiSquareQuantile(0.95, n));
 
     function draw() {
       ready();
@@ -102,7 +101,9 @@ labs.define(
       lab.result = { results, judged };
       const own = good.map((result, k) => (judged ? judged.nees[k] : d2d.nees(result.error, result.covariance)));
       drawScatter(errors, covariances, own, judged);
-      drawHistogram(own);
+      histogram.histogram(own, 3, `lab-fill-${lab.state.cost}`);
+      histogram.rule("x", CHI3, "lab-zero");
+      histogram.text(CHI3 + 0.2, histogram.y[1] * 0.85, "← 95 %");
       tell({ nees: own, covariances }, judged);
     }
 
@@ -116,40 +117,9 @@ labs.define(
       for (const axis of ["x", "y"]) scatter.rule(axis, 0, "lab-zero");
       errors.forEach(([x, y], k) => scatter.mark("circle", x, y, 2.5, own[k] <= CHI3 ? "lab-inside" : "lab-outside"));
       if (!judged) return;
-      const part = (of) => ({ xx: of(0, 0), xy: of(0, 1), yy: of(1, 1) }),
-        sigmas = Math.sqrt(CHI2);
-      scatter.ellipse(
-        0,
-        0,
-        part((i, j) => mean(covariances.map((each) => each[i][j]))),
-        sigmas,
-        `lab-line lab-strong lab-${lab.state.cost}`,
-      );
-      scatter.ellipse(
-        0,
-        0,
-        part((i, j) => judged.actual[i][j]),
-        sigmas,
-        "lab-truth",
-      );
-    }
-
-    const WIDTH = 1,
-      TOP = 20; // of a bar, and of the last one, which takes all above it
-    function drawHistogram(own) {
-      const bars = new Array(TOP).fill(0);
-      for (const each of own) bars[clamp(Math.floor(each / WIDTH), 0, TOP - 1)] += 1 / Math.max(1, own.length);
-      histogram.extent([0, TOP], [0, Math.max(0.3, ...bars) * 1.06]);
-      histogram.clear();
-      histogram.bars(bars, WIDTH, `lab-fill-${lab.state.cost}`);
-      const density = (x) => Math.sqrt(x / (2 * Math.PI)) * Math.exp(-x / 2); // chi-square with 3 degrees of freedom
-      histogram.line(
-        range(0, TOP, 200).map((x) => [x, density(x) * WIDTH]),
-        "lab-truth",
-      );
-      histogram.rule("x", CHI3, "lab-zero");
-      histogram.text(CHI3 + 0.2, histogram.y[1] * 0.85, "← 95 %");
-      histogram.text(TOP - 0.2, histogram.y[1] * 0.06, "≥ 19", { "text-anchor": "end" });
+      const stated = judged.actual.map((row, i) => row.map((_, j) => mean(covariances.map((each) => each[i][j]))));
+      scatter.ellipse(0, 0, planar(stated), Math.sqrt(CHI2), `lab-line lab-strong lab-${lab.state.cost}`);
+      scatter.ellipse(0, 0, planar(judged.actual), Math.sqrt(CHI2), "lab-truth");
     }
 
     function tell(own, judged) {
@@ -244,10 +214,7 @@ labs.define(
             lab.state.runs = Math.min(MOST, lab.state.runs + 100);
             lab.touched("runs");
           }),
-          lab.button("Other noise", () => {
-            lab.state.seed += 1;
-            lab.touched("seed");
-          }),
+          lab.next("Other noise", "seed"),
           ...lab.tools(),
         ),
         bar(

@@ -6,7 +6,7 @@ labs.define(
     example: "scale", // empty: a table of the reader's own
   }),
   (lab) => {
-    const { html, fixed: number, range, clamp, bar, panel } = labs,
+    const { html, fixed: number, clamp, bar, fold, panel } = labs,
       { mean, median } = d2d;
     const MOST = 6; // errors in a row
     const SLOW = 0.2; // lag-one autocorrelation from which errors are called slow
@@ -277,28 +277,16 @@ labs.define(
       xlabel: "NEES",
       ylabel: "share of rows",
       shape: 0.75,
+      narrow: 0.38,
     });
     const strips = lab.plot({
       label: "Errors over their stated standard deviations, direction by direction",
       xlabel: "row by row, direction by direction",
       ylabel: "error over σ",
       shape: 0.75,
+      narrow: 0.38,
       xTicks: false,
     });
-    const BARS = 20;
-
-    function drawHistogram(nees, n) {
-      const top = d2d.chiSquareQuantile(0.999, n),
-        width = top / BARS; // the last bar takes all above it
-      const bars = new Array(BARS).fill(0);
-      for (const each of nees) bars[clamp(Math.floor(each / width), 0, BARS - 1)] += 1 / nees.length;
-      const expected = range(0.02 * top, top, 200).map((x) => [x, width * d2d.chiSquareDensity(x, n)]);
-      histogram.extent([0, top], [0, 1.06 * Math.max(0.2, ...bars)]);
-      histogram.clear();
-      histogram.bars(bars, width, "lab-fill-target");
-      histogram.line(expected, "lab-truth");
-      histogram.text(top - 0.01 * top, histogram.y[1] * 0.06, `≥ ${number(top - width, 0)}`, { "text-anchor": "end" });
-    }
 
     /** A name that fits into so many pixels. */
     function shortened(name, width) {
@@ -320,7 +308,7 @@ labs.define(
         });
         strips.add(labs.svg("path", { class: "lab-dots", d: dots.join("") }));
         if (i) strips.rule("x", i, "lab-zero");
-        strips.text(i + 0.5, 1.02 * reach, shortened(names[i], strips.w / n), { "text-anchor": "middle" });
+        strips.text(i + 0.5, strips.y[1], shortened(names[i], strips.w / n), { dy: 14, "text-anchor": "middle" });
       });
       const bound = Math.sqrt(d2d.chiSquareQuantile(0.95, 1));
       for (const side of [-bound, bound]) strips.rule("y", side, "lab-truth");
@@ -369,7 +357,7 @@ labs.define(
 
     const hint = html(
       "p",
-      { class: "lab-hint", id: `${lab.id}-hint` },
+      { id: `${lab.id}-hint` },
       "In each row first the errors (estimate minus truth), one to six of them, then their covariance: all of it, or the upper " +
         "triangle row by row. Commas, semicolons, tabs or blanks separate; the first line may name the columns. " +
         "All stays in your browser.",
@@ -424,19 +412,22 @@ labs.define(
       }
     }
 
+    const entry = fold(
+      "Your own table: paste it, or open a file",
+      html("p", { class: "lab-title" }, html("label", { for: box.id }, "Errors and covariances")),
+      box,
+      hint,
+      bar(html("label", { for: file.id }, "or open a file, or drop it above"), file),
+    );
     lab.build(
       [
-        bar(lab.choice("example", "Example", EXAMPLES)),
-        html("p", { class: "lab-title" }, html("label", { for: box.id }, "Errors and covariances")),
-        box,
-        hint,
-        bar(html("label", { for: file.id }, "or open a file, or drop it above"), file),
+        bar(lab.choice("example", "Example", EXAMPLES), entry),
         lab.told,
         labs.row(panel("NEES of all rows", histogram), panel("Errors over their stated σ", strips)),
         labs.legend(
           html("span", {}, "dashed: the chi-square density, and the lines between which 95\u00a0% should lie"),
         ),
-        numbers,
+        fold("All numbers", numbers),
       ],
       () => {
         if (lab.state.example !== filled) {
@@ -445,6 +436,7 @@ labs.define(
         }
         ready();
         const { error, table, judged, found } = lab.result;
+        entry.open ||= Boolean(error);
         box.setAttribute("aria-invalid", Boolean(error));
         if (error) {
           for (const plot of lab.plots) plot.clear();
@@ -452,7 +444,7 @@ labs.define(
           lab.tell(html("p", {}, html("strong", {}, error)));
           return;
         }
-        drawHistogram(judged.nees, table.names.length);
+        histogram.histogram(judged.nees, table.names.length, "lab-fill-target");
         drawStrips(judged.columns, table.names);
         tell(table, judged, found);
       },

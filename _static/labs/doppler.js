@@ -213,8 +213,12 @@ labs.define(
           "p",
           {},
           html("strong", {}, `${agree} of ${now.length} targets`),
-          ` agree with the velocity that you steer. The curve depends on the velocity of the radar only: ahead `,
-          `${number(vx - w * MOUNTING.y)} m/s, to the left `,
+          ` agree with the velocity that you steer. The estimate takes the mover for an inlier with a probability of ${share} %.`,
+        ),
+        html(
+          "p",
+          {},
+          `The curve depends on the velocity of the radar only: ahead ${number(vx - w * MOUNTING.y)} m/s, to the left `,
           ...sub("v", "y"),
           " + ω ",
           ...sub("x", "s"),
@@ -233,7 +237,6 @@ labs.define(
             ...(revealed ? [["truth", ...cells(truth())]] : []),
           ],
         ),
-        html("p", {}, `The estimate takes the mover for an inlier with a probability of ${share} %.`),
       );
     }
 
@@ -316,10 +319,7 @@ labs.define(
             revealed = true;
             lab.update();
           }),
-          lab.button("Another drive", () => {
-            lab.state.drive += 1;
-            lab.touched("drive");
-          }),
+          lab.next("Another drive", "drive"),
           ...lab.tools(),
         ),
       ],

@@ -10,8 +10,7 @@
 // {x, y, xx, xy, yy}: its mean (m) and covariance (m^2).  A problem is
 //   {fixed, moving,               // arrays of targets
 //    fusion: "likelihood",        // or "summing"
-//    metric: "d2d",               // or "p2d"
-//    outlier: null,               // or {fraction, xx, xy, yy}: a corrupted Gaussian; or {density}: a uniform outlier
+//    outlier: null,               // or {fraction, xx, xy, yy}: a corrupted Gaussian
 //    interval: null,              // s: the parameters are a velocity; null: they are the motion itself
 //    dopplerWidth: 4,             // m/s: an outlier's Doppler velocity is uniform over this width
 //    line: false}                 // true: targets on a line, of which only x and xx count
@@ -76,11 +75,10 @@ globalThis.d2d = (function engine() {
     };
   }
 
-  /** S = R Sigma_k R' + Sigma_i of a pair, or Sigma_i alone (P2D), or the outlier component's. */
-  function spread(p, component, problem) {
-    const own = problem.metric === "p2d" ? 0 : 1;
-    const yy = problem.line ? UNIT_VARIANCE : component.yy + own * p.yy;
-    return { xx: component.xx + own * p.xx, xy: problem.line ? 0 : component.xy + own * p.xy, yy };
+  /** S = R Sigma_k R' + Sigma_i of a pair. */
+  function spread(p, component, line) {
+    const yy = line ? UNIT_VARIANCE : component.yy + p.yy;
+    return { xx: component.xx + p.xx, xy: line ? 0 : component.xy + p.xy, yy };
   }
 
   /** S of the corrupted Gaussian, the same for all pairs. */
@@ -100,11 +98,11 @@ globalThis.d2d = (function engine() {
    * its outlier density.
    *
    * With d = p + t - mu, B = S^-1 and u = B d, the gradient of log N(0 | d, S) is [-u, g2].  S turns with the target unless
-   * it is wide or the target's own covariance does not count: dS/dphi = C_phi.
+   * it is wide: dS/dphi = C_phi.
    */
-  function positionJet(p, tx, ty, components, { line, metric }, wide) {
+  function positionJet(p, tx, ty, components, line, wide) {
     const { count, x, y, xx, xy, yy, weight, logs } = components,
-      own = metric === "p2d" || wide ? 0 : 1,
+      own = wide ? 0 : 1,
       turning = own && !line ? 1 : 0;
     // first and second derivative of S in the angle: [[-2b, a], [a, 2b]] and [[-2a, -4b], [-4b, 2a]]
     const a = turning * (p.xx - p.yy),
@@ -295,27 +293,22 @@ globalThis.d2d = (function engine() {
 
   /** The jets of all moving targets, each with the inlier's share in its density. */
   function targetJets(problem, theta) {
-    const { interval = null, outlier = null } = problem;
+    const { interval = null, outlier = null, line } = problem;
     const chart = interval === null ? null : exponential(...theta.map((each) => interval * each));
     const [tx, ty, phi] = chart ? chart.motion : theta;
     const cosine = Math.cos(phi),
       sine = Math.sin(phi);
     const components = columnsOf(problem.fixed),
-      wide = outlier && outlier.density === undefined ? outlierSpread(problem) : null;
+      wide = outlier && outlierSpread(problem);
     const own = (jet) => (chart ? inVelocity(jet, chart, interval) : jet);
     return problem.moving.map((target) => {
       const p = turned(target, cosine, sine);
-      let inlier = own(positionJet(p, tx, ty, components, problem, null));
+      let inlier = own(positionJet(p, tx, ty, components, line, null));
       if (target.doppler) inlier = product([inlier, dopplerJet(target.doppler, theta)]);
       if (!outlier) return { jet: inlier, share: 1 };
-      let other = new Array(10).fill(0);
-      if (outlier.density !== undefined) {
-        other[0] = Math.log(outlier.density);
-      } else {
-        inlier[0] += Math.log1p(-outlier.fraction);
-        other = own(positionJet(p, tx, ty, components, problem, wide));
-        other[0] += Math.log(outlier.fraction);
-      }
+      inlier[0] += Math.log1p(-outlier.fraction);
+      const other = own(positionJet(p, tx, ty, components, line, wide));
+      other[0] += Math.log(outlier.fraction);
       if (target.doppler) other[0] -= Math.log(problem.dopplerWidth ?? 4);
       const share = 1 / (1 + Math.exp(other[0] - inlier[0]));
       return { jet: mix([inlier, other]), share };
@@ -380,16 +373,15 @@ globalThis.d2d = (function engine() {
       weights = logWeights(fixed);
     const summing = problem.fusion === "summing";
     const values = new Float64Array(xs.length * ys.length).fill(summing ? -Infinity : 0);
-    const corrupted = outlier !== null && outlier.fraction !== undefined;
-    const inside = corrupted ? Math.log1p(-outlier.fraction) : 0;
+    const inside = outlier ? Math.log1p(-outlier.fraction) : 0;
     const parts = new Float64Array(2 * n);
     for (const target of moving) {
       const p = turned(target, cosine, sine);
       // where each component would have to be moved from, the three precisions, and the logarithm at its peak
       const pairs = [];
-      for (const wide of corrupted ? [null, outlierSpread(problem)] : [null]) {
+      for (const wide of outlier ? [null, outlierSpread(problem)] : [null]) {
         for (const [i, component] of fixed.entries()) {
-          const s = wide ?? spread(p, component, problem);
+          const s = wide ?? spread(p, component, problem.line);
           const determinant = s.xx * s.yy - s.xy * s.xy;
           pairs.push([
             component.x - p.x,
@@ -401,12 +393,11 @@ globalThis.d2d = (function engine() {
           ]);
         }
       }
-      const floor = outlier && outlier.density !== undefined ? Math.log(outlier.density) : -Infinity;
       const count = target.count ?? 1;
       let cell = 0;
       for (const ty of ys) {
         for (const tx of xs) {
-          let top = floor;
+          let top = -Infinity;
           for (let j = 0; j < pairs.length; j++) {
             const pair = pairs[j],
               dx = tx - pair[0],
@@ -414,7 +405,7 @@ globalThis.d2d = (function engine() {
             parts[j] = pair[5] - 0.5 * (pair[2] * dx * dx + 2 * pair[3] * dx * dy + pair[4] * dy * dy);
             if (parts[j] > top) top = parts[j];
           }
-          let sum = floor === -Infinity ? 0 : Math.exp(floor - top);
+          let sum = 0;
           for (let j = 0; j < pairs.length; j++) if (parts[j] > top - 30) sum += Math.exp(parts[j] - top);
           const log = top + Math.log(sum),
             before = values[cell];
@@ -531,14 +522,13 @@ globalThis.d2d = (function engine() {
 
   /** The trust region's first radius and its scale: a rotation counts by the displacement that it causes. */
   function firstRegion(problem) {
-    const planar = problem.line ? 0 : 1,
-      own = problem.metric === "p2d" ? 0 : 1;
+    const planar = problem.line ? 0 : 1;
     const number = (target) => target.count ?? 1,
       total = (targets, of) => targets.reduce((sum, target) => sum + of(target), 0);
     const mean = (targets, of) => total(targets, (target) => number(target) * of(target)) / total(targets, number);
     const size = (target) => target.xx + planar * target.yy;
     const lever = mean(problem.moving, (target) => target.x ** 2 + target.y ** 2);
-    const radius = 3 * Math.sqrt(mean(problem.fixed, size) + own * mean(problem.moving, size));
+    const radius = 3 * Math.sqrt(mean(problem.fixed, size) + mean(problem.moving, size));
     return {
       radius: problem.interval ? radius / problem.interval : radius,
       scale: [1, 1, planar && lever > 0 ? lever : 1],
@@ -858,7 +848,6 @@ globalThis.d2d = (function engine() {
     minimise,
     register,
     inflated,
-    inverse3,
     exponential,
     move,
     inverseMotion,

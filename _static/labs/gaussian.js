@@ -14,7 +14,7 @@ labs.define(
   (lab) => {
     const { svg, html, fixed: number, clamp, range, bar } = labs;
     const DEGREE = Math.PI / 180,
-      EDGE = Math.sqrt(5.991465), // 95 % of chi-square with 2 degrees of freedom
+      EDGE = Math.sqrt(d2d.chiSquareQuantile(0.95, 2)),
       DRAWS = 400;
     lab.sound = (state) => state.long >= 0.1 && state.short >= 0.1;
 
@@ -139,10 +139,7 @@ labs.define(
       [
         plot.box,
         bar(
-          lab.button("Other draws", () => {
-            lab.state.seed += 1;
-            lab.touched("seed");
-          }),
+          lab.next("Other draws", "seed"),
           ...lab.tools(),
         ),
       ],

@@ -119,6 +119,7 @@ globalThis.labs = (() => {
   }
 
   const MARGIN = { left: 54, right: 10, top: 8, bottom: 38 };
+  const BARS = 20; // of a histogram
 
   /** Axes in an SVG that fills its box. `shape` is height over width, on a phone `narrow`; `equal` makes a metre a metre. */
   class Plot {
@@ -243,14 +244,24 @@ globalThis.labs = (() => {
       else this.segment(this.x[0], value, this.x[1], value, name);
     }
 
-    /** A bar of each value, side by side from zero on. */
-    bars(values, wide, name) {
-      values.forEach((value, i) => {
-        const x = this.X(i * wide) + 0.5,
-          width = this.X(wide) - this.X(0) - 1,
-          height = Math.max(0, this.Y(0) - this.Y(value));
-        this.add(svg("rect", { class: name, "fill-opacity": 0.6, x, width, y: this.Y(value), height }));
+    /** The histogram of NEES in n dimensions, whose last bar takes all above it, and the density of chi-square. */
+    histogram(nees, n, name) {
+      const top = d2d.chiSquareQuantile(0.999, n),
+        wide = top / BARS,
+        shares = new Array(BARS).fill(0);
+      for (const each of nees) shares[Math.min(BARS - 1, Math.floor(each / wide))] += 1 / nees.length;
+      this.extent([0, top], [0, 1.06 * Math.max(0.2, ...shares)]);
+      this.clear();
+      shares.forEach((share, i) => {
+        const y = this.Y(share),
+          size = { x: this.X(i * wide) + 0.5, width: this.X(wide) - this.X(0) - 1, y, height: this.Y(0) - y };
+        this.add(svg("rect", { class: name, "fill-opacity": 0.6, ...size }));
       });
+      this.line(
+        range(0.02 * top, top, 200).map((x) => [x, wide * d2d.chiSquareDensity(x, n)]),
+        "lab-truth",
+      );
+      this.text(0.99 * top, 0.06 * this.y[1], `≥ ${fixed(top - wide, 0)}`, { "text-anchor": "end" });
     }
 
     mark(kind, x, y, r, name) {
@@ -446,7 +457,12 @@ globalThis.labs = (() => {
       this.plots = [];
       this.controls = [];
       this.spoken = html("p", { class: "lab-hidden", "aria-live": "polite" });
-      this.told = html("div", { class: "lab-told" });
+      this.words = html("div", {});
+      this.numbers = fold("Numbers"); // open where there is room
+      this.told = html("div", { class: "lab-told" }, this.words, this.numbers);
+      const unfold = () => (this.numbers.open = !phone.matches);
+      phone.addEventListener("change", unfold);
+      unfold();
     }
 
     plot(options) {
@@ -507,6 +523,23 @@ globalThis.labs = (() => {
       return html("button", { type: "button", class: "lab-button", onclick: () => act() }, label);
     }
 
+    /** A button that goes to the next of what a number of the state counts, such as draws. */
+    next(label, key, prepare = () => {}) {
+      return this.button(label, () => {
+        this.state[key] += 1;
+        prepare();
+        this.touched(key);
+      });
+    }
+
+    /** Sliders for the outlier component, shown while the cost has one. */
+    outlierSliders() {
+      const when = () => this.state.cost === "robust",
+        share = { label: "share of outliers α", min: 0.001, max: 0.9, step: 0.001, show: (v) => fixed(v, 3) },
+        width = { label: "their width σₒ", min: 0.3, max: 30, step: 0.1, show: (v) => `${fixed(v, 1)} m` };
+      return [this.slider("alpha", { ...share, when }), this.slider("width", { ...width, when })];
+    }
+
     /** What every laboratory ends with: back to the first view, on to others, and to one's own computations. */
     tools() {
       const reset = this.button("Start over", () => {
@@ -529,12 +562,12 @@ globalThis.labs = (() => {
     /** The lines of Python that give the numbers on the screen. */
     script() {
       const code = html("pre", { class: "lab-command", tabindex: "0" }),
-        summary = html("summary", { class: "lab-button" }, "Show as Python"),
-        fold = html("details", { class: "lab-python", ontoggle: () => (fold.open && this.begin(), this.update()) }, summary, code);
+        opened = fold("Show as Python", code);
+      opened.addEventListener("toggle", () => (opened.open && this.begin(), this.update()));
       this.controls.push(() => {
-        if (fold.open) code.textContent = this.python();
+        if (opened.open) code.textContent = this.python();
       });
-      return fold;
+      return opened;
     }
 
     /** Scroll to the laboratory, out of what it is folded in, as far as it is not in view. */
@@ -604,11 +637,13 @@ globalThis.labs = (() => {
       this.took = performance.now() - began;
     }
 
-    /** Show a result; screen readers announce it once the input pauses. */
-    tell(...content) {
-      this.told.replaceChildren(...content);
+    /** Show a result, which screen readers announce once the input pauses, and the numbers behind it. */
+    tell(words, ...numbers) {
+      this.words.replaceChildren(...[].concat(words));
+      this.numbers.replaceChildren(this.numbers.firstChild, ...numbers);
+      this.numbers.hidden = !numbers.length;
       clearTimeout(this.speaking);
-      this.speaking = setTimeout(() => (this.spoken.textContent = this.told.innerText), 700);
+      this.speaking = setTimeout(() => (this.spoken.textContent = this.words.innerText), 700);
     }
 
     /** A table of numbers: the first cell of each row is its heading. */
@@ -839,6 +874,13 @@ globalThis.labs = (() => {
     row = (...parts) => html("div", { class: "lab-row" }, ...parts),
     legend = (...parts) => html("p", { class: "lab-key" }, ...parts);
 
+  /** What is opened by a press. */
+  const fold = (title, ...content) =>
+    html("details", { class: "lab-fold" }, html("summary", { class: "lab-button" }, title), ...content);
+
+  /** The part of a covariance matrix in the plane, as the engine has it. */
+  const planar = ([[xx, xy], [, yy]]) => ({ xx, xy, yy });
+
   /** A plot under a title. */
   const panel = (title, plot) => html("div", {}, html("p", { class: "lab-title" }, title), plot.box);
 
@@ -874,7 +916,9 @@ globalThis.labs = (() => {
     bar,
     row,
     legend,
+    fold,
     panel,
+    planar,
     corrupted,
     formOf,
     script,

@@ -248,7 +248,6 @@ labs.define(
       );
     };
 
-    const robust = () => lab.state.cost === "robust";
     lab.build(
       [
         bar(lab.costs(), lab.choice("view", "Show", { log: "−log density", density: "density" })),
@@ -256,11 +255,7 @@ labs.define(
         curve.box,
         bar(
           lab.button("Let the ball roll", roll),
-          lab.button("Next draw", () => {
-            lab.state.draw += 1;
-            draw();
-            lab.touched("draw");
-          }),
+          lab.next("Next draw", "draw", draw),
           lab.check("outlier", "outlier O in M"),
           ...lab.tools(),
         ),
@@ -268,24 +263,7 @@ labs.define(
           lab.slider("t", { label: "translation tₓ", min: -12, max: 16, step: 0.01, show: (v) => `${number(v)} m` }),
           lab.slider("noise", { label: "σ of a target", min: 0.05, max: 1, step: 0.01, show: (v) => `${number(v)} m` }),
         ),
-        bar(
-          lab.slider("alpha", {
-            label: "share of outliers α",
-            min: 0.001,
-            max: 0.9,
-            step: 0.001,
-            show: (v) => number(v, 3),
-            when: robust,
-          }),
-          lab.slider("width", {
-            label: "their width σₒ",
-            min: 0.3,
-            max: 30,
-            step: 0.1,
-            show: (v) => `${number(v, 1)} m`,
-            when: robust,
-          }),
-        ),
+        bar(...lab.outlierSliders()),
       ],
       () => {
         drawSets();

@@ -140,11 +140,10 @@ labs.define(
           svg("g", { transform: `translate(${cx} ${cy})` }, targetMark("moving", 5)),
         );
       });
-      const stated = arrived && covariance(found);
-      if (stated) scene.ellipse(found.theta[0], found.theta[1], stated, 3, `lab-line lab-${lab.state.cost} lab-strong`);
+      const { theta, covariance } = found;
+      if (arrived && covariance)
+        scene.ellipse(theta[0], theta[1], labs.planar(covariance), 3, `lab-line lab-${lab.state.cost} lab-strong`);
     }
-
-    const covariance = ({ covariance: c }) => c && { xx: c[0][0], xy: c[0][1], yy: c[1][1] };
 
     function drawCurve() {
       const xs = range(-8, 8, 241),
@@ -183,10 +182,8 @@ labs.define(
       const { x, y, turn, cost } = lab.state,
         now = `The scan is shifted by ${number(x)} m and ${number(y)} m, and turned by ${number(turn, 0)}°.`,
         end = [labs.inlineMark(cost), ` The ${COSTS[cost].name} ends `, ...labs.verdict(found, TRUTH)];
-      lab.tell(
-        html("p", { class: "lab-outcome" }, ...(arrived ? end : [now])),
-        ...(lab.state.outlier ? [challenge()] : []),
-      );
+      const outcome = html("p", { class: "lab-outcome" }, ...(arrived ? end : [now]));
+      lab.tell(lab.state.outlier ? [outcome, challenge()] : outcome);
     }
 
     const best = { summing: 0, likelihood: 0, robust: 0 };

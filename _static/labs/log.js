@@ -109,10 +109,8 @@
         sigmas = {};
       const budget = {},
         asked = html("div", {}),
-        more = html(
-          "details",
-          { class: "lab-more" },
-          html("summary", {}, "Error budget: what many targets share"),
+        more = labs.fold(
+          "Error budget: what many targets share",
           fields("Standard deviations", budget, BUDGET, () => ({ min: 0, max: 1000 }), tracker.DEFAULTS.budget),
         );
 
@@ -276,7 +274,7 @@
         shown = result;
         lab.result = result;
         results.hidden = !result;
-        lab.tell(...(result ? [verdict(), ...doubts()] : []));
+        lab.tell(result ? [verdict(), ...doubts()] : []);
         if (!result) return;
         report.replaceChildren(files(), ...command());
         instant.max = result.rows.length - 1;

@@ -193,9 +193,8 @@ labs.define(
         const [x, y] = off(other.theta),
           own = name === lab.state.cost;
         if (own && other.covariance) {
-          const [[xx, xy], [, yy]] = other.covariance;
-          map.ellipse(x, y, { xx, xy, yy }, 3, "lab-halo");
-          map.ellipse(x, y, { xx, xy, yy }, 3, `lab-line lab-${name} lab-strong`);
+          map.ellipse(x, y, labs.planar(other.covariance), 3, "lab-halo");
+          map.ellipse(x, y, labs.planar(other.covariance), 3, `lab-line lab-${name} lab-strong`);
         }
         map.mark(COSTS[name].mark, x, y, own ? 6 : 4.5, `lab-optimum lab-fill-${name}`);
       }
@@ -226,17 +225,9 @@ labs.define(
         : `has not converged after ${own.iterations} steps, and is `;
       const rejected =
         lab.state.cost === "robust" ? ` Taken for outliers: ${out.length ? out.join(", ") : "none"}.` : "";
+      const words = [` ${COSTS[lab.state.cost].name} ${end}`, ...labs.verdict(own, TRUTH), rejected];
       lab.tell(
-        html(
-          "p",
-          {},
-          "From the start the ",
-          labs.inlineMark(lab.state.cost),
-          ` ${COSTS[lab.state.cost].name} ${end}`,
-          ...labs.verdict(own, TRUTH),
-          rejected,
-        ),
-        challenge(own),
+        [html("p", {}, "From the start the ", labs.inlineMark(lab.state.cost), ...words), challenge(own)],
         lab.table(["error ± stated σ", "x (m)", "y (m)", "rotation (°)", "NEES"], rows),
       );
     }
@@ -322,7 +313,6 @@ labs.define(
     lab.changed = () => {
       shownAt = null;
     };
-    const robust = () => lab.state.cost === "robust";
     lab.build(
       [
         bar(lab.costs()),
@@ -332,11 +322,7 @@ labs.define(
         ),
         bar(
           lab.button("Watch the descent", watch),
-          lab.button("Next draw", () => {
-            lab.state.draw += 1;
-            draw();
-            lab.touched("draw");
-          }),
+          lab.next("Next draw", "draw", draw),
           lab.button("Add an outlier", () => {
             addOutlier();
             lab.touched("outlier");
@@ -354,22 +340,7 @@ labs.define(
             show: (v) => `${number(v, 0)}°`,
           }),
           lab.slider("inflate", { label: "inflate every σ by", min: 1, max: 10, step: 0.1, show: (v) => number(v, 1) }),
-          lab.slider("alpha", {
-            label: "share of outliers α",
-            min: 0.01,
-            max: 0.9,
-            step: 0.01,
-            show: (v) => number(v),
-            when: robust,
-          }),
-          lab.slider("width", {
-            label: "their width σₒ",
-            min: 1,
-            max: 30,
-            step: 0.5,
-            show: (v) => `${number(v, 1)} m`,
-            when: robust,
-          }),
+          ...lab.outlierSliders(),
         ),
       ],
       () => {

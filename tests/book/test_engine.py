@@ -20,7 +20,6 @@ from d2d import (
     CorruptedGaussian,
     PointSet,
     RegistrationCost,
-    UniformOutlier,
     register,
 )
 from d2d.cost import OutlierModel
@@ -39,7 +38,6 @@ OUTLIERS: dict[str, OutlierModel | None] = {
     "none": None,
     "corrupted": CorruptedGaussian(0.2, [[100.0, 0.0], [0.0, 100.0]]),
     "oblique": CorruptedGaussian(0.35, [[30.0, 8.0], [8.0, 12.0]]),
-    "uniform": UniformOutlier(0.003),
 }
 
 
@@ -82,8 +80,6 @@ def targets(points: PointSet) -> list[dict[str, Any]]:
 def outlier(model: OutlierModel | None) -> dict[str, float] | None:
     if model is None:
         return None
-    if isinstance(model, UniformOutlier):
-        return {"density": model.density}
     s = np.zeros((2, 2))
     s[: len(model.covariance), : len(model.covariance)] = model.covariance
     return {"fraction": model.fraction, "xx": s[0, 0], "xy": s[0, 1], "yy": s[1, 1]}
@@ -107,7 +103,6 @@ def case_of(fixed: PointSet, moving: PointSet, cost: RegistrationCost, start: Ar
         "fixed": targets(fixed),
         "moving": targets(moving),
         "fusion": cost.fusion,
-        "metric": cost.metric,
         "outlier": outlier(cost.outlier),
         "line": fixed.dimension == 1,
     }
@@ -131,11 +126,11 @@ def one_draw(seed: int) -> list[PointSet]:
     return [PointSet(each.means[0], each.covariances[0]) for each in sets]
 
 
-def planar_case(name: str, metric: Any, fusion: Any, off: float) -> Case:
+def planar_case(name: str, fusion: Any, off: float) -> Case:
     """A draw of the outlier scene, started off the truth."""
     fixed, moving = one_draw(len(name))
     at = scenarios.OUTLIERS.theta + off * np.array([1.0, -0.7, 0.15])
-    return case_of(fixed, moving, RegistrationCost(metric, fusion, OUTLIERS[name]), at)
+    return case_of(fixed, moving, RegistrationCost("d2d", fusion, OUTLIERS[name]), at)
 
 
 def line_case(name: str, fusion: Any) -> Case:
@@ -184,9 +179,8 @@ def doppler_case(start: ArrayLike) -> Case:
 
 CASES = {
     **{
-        f"{fusion}-{metric}-{name}": lambda n=name, m=metric, f=fusion: planar_case(n, m, f, 0.4)
+        f"{fusion}-{name}": lambda n=name, f=fusion: planar_case(n, f, 0.4)
         for fusion in ("likelihood", "summing")
-        for metric in ("d2d", "p2d")
         for name in OUTLIERS
     },
     **{
@@ -195,7 +189,7 @@ CASES = {
         for name in ("none", "corrupted")
     },
     **{
-        f"far-{off}-{name}": lambda n=name, o=off: planar_case(n, "d2d", "likelihood", o)
+        f"far-{off}-{name}": lambda n=name, o=off: planar_case(n, "likelihood", o)
         for off in (2.0, 6.0, -4.0)
         for name in OUTLIERS
     },
@@ -245,7 +239,7 @@ def test_the_surface_is_the_cost(page: Any):
     xs, ys, turn = [3.0, 4.5, 6.0], [-2.0, 0.5], 0.2
     for name in OUTLIERS:
         for fusion in ("likelihood", "summing"):
-            case = planar_case(name, "d2d", fusion, 0.4)
+            case = planar_case(name, fusion, 0.4)
             got = page("return [...d2d.surface(...arguments)]", case.problem, xs, ys, turn)
             expected = [
                 page("return d2d.evaluate(...arguments).value", case.problem, [x, y, turn])
@@ -279,7 +273,7 @@ def test_a_count_stands_for_equal_targets(page: Any, fusion: Any):
 
 def test_annealing_ends_where_that_of_d2d_does(page: Any):
     """Breaks if standard deviations are inflated otherwise."""
-    case = planar_case("corrupted", "d2d", "likelihood", 0.4)
+    case = planar_case("corrupted", "likelihood", 0.4)
     cost = RegistrationCost(outlier=OUTLIERS["corrupted"])
     expected = register(*one_draw(len("corrupted")), cost, scales=ANNEALED)
     got = page("return d2d.register(arguments[0], [0, 0, 0], d2d.ANNEALED)", case.problem)

@@ -463,8 +463,8 @@ def test_the_python_shown_gives_the_numbers_shown(lab: Laboratory, hand: Hand, a
     for view in PYTHON[lab.id]:
         if view:
             hand.view(view)
-        hand.driver.execute_script("arguments[0].open = true", hand.find(".lab-python"))
-        script = hand.ask("lab.element.querySelector('.lab-python pre').textContent")
+        hand.driver.execute_script("arguments[0].open = true", hand.find(".lab-fold:has(pre)"))
+        script = hand.ask("lab.element.querySelector('.lab-fold pre').textContent")
         printed = io.StringIO()
         with redirect_stdout(printed):
             exec(script, {})

@@ -26,7 +26,7 @@ def ellipses(ax: Axes, points: PointSet, sigmas: float = 3.0, **style: Any) -> N
 
 def error_bands(ax: Axes, times: Array, errors: Array, sigma: Array, unit: str, name: str) -> None:
     """Errors as dots in the band of three estimated standard deviations, whose edges are drawn."""
-    ax.fill_between(times, -3.0 * sigma, 3.0 * sigma, color=SKY, alpha=0.45, lw=0, label="3σ")
+    ax.fill_between(times, -3.0 * sigma, 3.0 * sigma, color=SKY, alpha=0.3, lw=0, label="3σ")
     ax.plot(times, errors, ".", color=BLACK, ms=1.5, label="error")
     for side in (-3.0, 3.0):
         ax.plot(times, side * sigma, color=SKY, lw=1.0)

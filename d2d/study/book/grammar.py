@@ -27,9 +27,9 @@ from d2d.radar.tracks import plot as looks
 # Okabe & Ito's palette, which colour-blind readers can tell apart.  These three are the costs';
 # every estimate of a drive is the robust likelihood's, so that its look is that of a track.
 _VERMILLION, _BLUE, _GREEN = "#D55E00", "#0072B2", looks.COLOR
-# For everything else: the rest of that palette, yellow as dark as 3:1 on white, two darker hues.
+# For all else: the rest of that palette, yellow and sky as dark as 3:1 on white; darker hues.
 BLACK, GREY, PURPLE, OCHRE = "#000000", "#595959", "#8E3B7E", "#9A6A00"
-PINK, YELLOW, SKY = "#CC79A7", "#C98500", "#56B4E9"
+PINK, YELLOW, SKY = "#CC79A7", "#C98500", "#3D9AD1"
 OTHERS = (PURPLE, YELLOW, SKY, PINK, GREY)
 
 FIXED, MOVING, OUTLIER, START = GREY, PURPLE, YELLOW, PINK
