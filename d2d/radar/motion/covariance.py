@@ -62,7 +62,7 @@ def propagate_ego_motion(
     bound = problem.bind(rigid.motion("estimate", estimate.theta, 2))
     check_estimate(estimate, problem, bound)
     noise = np.diag(problem.prior)
-    add_noise(_added_up(influences(problem, bound, pairs), pairs), shared_azimuth, noise)
+    add_noise(of_scans(influences(problem, bound, pairs), pairs), shared_azimuth, noise)
     return in_coordinates(estimate.covariance, noise)
 
 
@@ -104,7 +104,7 @@ def influences(problem: Problem, bound: Bound, pairs: Sequence[ScanPair]) -> Inf
     )
 
 
-def _added_up(found: Influence, pairs: Sequence[ScanPair]) -> Influence:
+def of_scans(found: Influence, pairs: Sequence[ScanPair]) -> Influence:
     """The influences of each scan, added up over the pairs that it is in.
 
     Scans are the same if all that they hold is the same, and the mounting.

@@ -12,10 +12,8 @@ linear the error is of third order.
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from d2d import rigid
-from d2d._checks import check_finite
 from d2d._types import Array
 from d2d.radar.tracks.filter import MEMORY, PERSISTENCE
 
@@ -110,19 +108,6 @@ def independent(covariances: Array) -> Array:
     errors = np.zeros((len(covariances), 2, 6, 6))
     errors[:, 1, :3, :3] = covariances
     return errors
-
-
-def integrate(theta: ArrayLike, intervals: ArrayLike, start: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
-    """Chain motions at constant velocities (n, 3), each over its interval, to poses (n + 1, 3).
-
-    So the mean velocities of successive pairs of scans make a path.  Velocities at known times do
-    not: `Track.poses` is for these.
-    """
-    velocities = check_finite("theta", theta, "(n, 3)")
-    times = check_finite("intervals", intervals, f"({len(velocities)},)", like="theta")
-    return chain(
-        rigid.exponential(velocities * times[:, None]), check_finite("start", start, "(3,)")
-    )
 
 
 def chain(moves: Array, start: Array) -> Array:

@@ -5,12 +5,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from d2d._types import Array
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from d2d.radar.tracks.track import Track
 
 COLOR, MARKER = "#009E73", "o"  # Okabe and Ito's bluish green, which colour-blind readers tell
 LINE = (0, (6.0, 1.2, 1.2, 1.2))  # dash-dotted
@@ -20,29 +21,21 @@ _LABELS = ("$v_x$ (m/s)", "$v_y$ (m/s)", "$ω$ (°/s)")
 _FAILED = "black"
 
 
-def draw(
-    path: Array,
-    times: Array,
-    theta: Array,
-    covariance: Array,
-    converged: NDArray[np.bool_],
-    inliers: Array | None,
-    regions: Array,
-) -> Figure:
-    """Draw a path (n + 1, 3), velocities (n, 3) in a band of 3 sigma, and inliers (n,) if known.
+def draw(driven: Track) -> Figure:
+    """Draw the path of a track, its velocities in a band of 3 sigma, and its inliers if known.
 
-    ``regions`` (m, k, 2) are the outlines of the position's 95 % regions along the path.
     The panels stand one below the other, so that the picture fits a phone.
     """
     from matplotlib import pyplot as plt
 
-    rows = 3 + (inliers is not None)
+    path, times, converged = driven.poses(), driven.times, driven.converged
+    rows = 3 + (driven.inliers is not None)
     figure = plt.figure(figsize=(5.0, 3.2 + 1.0 * rows), layout="constrained")
     grid = figure.add_gridspec(1 + rows, height_ratios=(3.2, *[1.0] * rows))
     ax = figure.add_subplot(grid[0])
     ax.plot(path[:, 0], path[:, 1], **ESTIMATE, lw=1.5)
     ax.plot(*path[0, :2], MARKER, color=COLOR, label="start")
-    for i, outline in enumerate(regions):
+    for i, outline in enumerate(_regions(driven)):
         ax.plot(*outline.T, color=COLOR, lw=0.8, label="_" if i else "95 %")
     if not converged.all():
         ax.plot(*path[1:][~converged, :2].T, "x", ms=4, color=_FAILED, label="failed")
@@ -52,16 +45,16 @@ def draw(
     first = figure.add_subplot(grid[1])
     axes = [first, *(figure.add_subplot(grid[i], sharex=first) for i in range(2, 1 + rows))]
     in_units = np.array([1.0, 1.0, np.rad2deg(1.0)])
-    shown = np.where(converged[:, None], theta, np.nan) * in_units
-    spread = 3.0 * np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)) * in_units
+    shown = np.where(converged[:, None], driven.theta, np.nan) * in_units
+    spread = 3.0 * np.sqrt(np.diagonal(driven.covariance, axis1=1, axis2=2)) * in_units
     for ax, label, value, width in zip(axes, _LABELS, shown.T, spread.T, strict=False):
         ax.fill_between(
             times, value - width, value + width, color=COLOR, alpha=0.3, lw=0.0, label="±3 sigma"
         )
         ax.plot(times, value, **ESTIMATE, lw=1.0, label="estimate")
         ax.set_ylabel(label)
-    if inliers is not None:
-        axes[3].plot(times, inliers, MARKER, ms=2, color=COLOR)
+    if driven.inliers is not None:
+        axes[3].plot(times, driven.inliers, MARKER, ms=2, color=COLOR)
         axes[3].set(ylabel="inlier share", ylim=(-0.05, 1.05))
     for ax in axes:
         if not converged.all():
@@ -72,3 +65,18 @@ def draw(
     axes[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, frameon=False)
     axes[-1].set_xlabel("time (s)")
     return figure
+
+
+def _regions(driven: Track) -> Array:
+    """Outlines (m, 60, 2) of the ellipses along the path; none without a budget."""
+    accepted = driven.times[driven.converged]
+    if driven.errors is None or not len(accepted):
+        return np.empty((0, 60, 2))
+    ends = np.unique(accepted[np.linspace(0, len(accepted) - 1, 9).astype(int)[1:]])
+    began = driven.times[0] - driven.intervals[0]
+    motion, covariance = driven.displacement(np.full(len(ends), began), ends)
+    known = np.isfinite(motion).all(axis=1)
+    angle = np.linspace(0.0, 2.0 * np.pi, 60)
+    circle = np.sqrt(-2.0 * np.log(0.05)) * np.stack([np.cos(angle), np.sin(angle)])
+    spread = np.linalg.cholesky(covariance[known, :2, :2]) @ circle
+    return np.asarray(motion[known, None, :2] + np.swapaxes(spread, -1, -2))

@@ -358,22 +358,7 @@ class Track(Frozen):
         probability of 95 % (`displacement`).  An inlier share that is not known is left out.
         Matplotlib must be installed.
         """
-        estimates = (self.times, self.theta, self.covariance, self.converged, self.inliers)
-        return draw(self.poses(), *estimates, self._regions())
-
-    def _regions(self) -> Array:
-        """Outlines (m, 60, 2) of the ellipses along the path; none without a budget."""
-        accepted = self.times[self.converged]
-        if self.errors is None or not len(accepted):
-            return np.empty((0, 60, 2))
-        ends = np.unique(accepted[np.linspace(0, len(accepted) - 1, 9).astype(int)[1:]])
-        began = self.times[0] - self.intervals[0]
-        motion, covariance = self.displacement(np.full(len(ends), began), ends)
-        known = np.isfinite(motion).all(axis=1)
-        angle = np.linspace(0.0, 2.0 * np.pi, 60)
-        circle = np.sqrt(-2.0 * np.log(0.05)) * np.stack([np.cos(angle), np.sin(angle)])
-        spread = np.linalg.cholesky(covariance[known, :2, :2]) @ circle
-        return np.asarray(motion[known, None, :2] + np.swapaxes(spread, -1, -2))
+        return draw(self)
 
     def __repr__(self) -> str:
         """Number of estimates and share of those accepted; the arrays would fill the screen."""

@@ -57,24 +57,11 @@ def track(
     """Ego-motion over a whole drive from one sensor, or from several that need not be synchronised.
 
     The numbers are those of a `Tracker` that gets the scans of all sensors in time order: nothing
-    that an estimate uses is later than its round, unless ``smooth`` is true.  A round ends when
-    every sensor has been seen, when one of its sensors comes again, or one and a half of its cycles
-    after its first scan; scans of the same time stay together.  Each round after the first gives
-    one estimate, at the mean time of its scans.  Pairs with an empty scan, and those much longer
-    than usual, are left out: after a gap a sensor starts afresh.
-
-    Times are used as they come.  Left out, with a `ScanWarning`, are a scan that repeats the one
-    before target by target (at the same time, or while its sensor moves), the second of equal
-    targets if half of a scan is there twice, and a scan with one wrong time stamp, more than a
-    second before or after where it should be.  If the clocks of all sensors step back, a new
-    segment of the track begins, see `Track.segments`.
-
-    An estimate fails if there is no pair left, the cost has no optimum near the start, the optimum
-    rejects nearly all targets (mean inlier probability below 0.1) or turns the vehicle by more than
-    half a turn between two scans, or no vehicle could move like that.  It is then marked as not
-    converged, with the reason, and the track goes on.  The search starts at the last accepted
-    velocity.  If that fails or does not explain most of the targets (mean inlier probability below
-    0.6), the round is estimated once more without it; of two acceptable optima the lower wins.
+    that an estimate uses is later than its round, unless ``smooth`` is true.  A round holds at most
+    one scan of each sensor; each after the first gives one estimate, at the mean time of its scans.
+    An estimate that fails is marked as not converged, with the reason, and the track goes on.  The
+    page of `d2d.radar` says when a round ends, what is left out, with a `ScanWarning`, and when an
+    estimate fails.  If the clocks of all sensors step back, see `Track.segments`.
 
     Raises a ``ValueError`` if something is not a sensor, two have a scan in common, scans are out
     of time order or usually too far apart, the times of a sensor do not overlap with those of the
@@ -89,22 +76,17 @@ def track(
     max_interval : float, s
         Longest usual time between two scans of a sensor, which times in milliseconds exceed.
     progress : bool, optional
-        Whether tqdm shows a bar on the standard error; by default after two seconds if that is a
-        terminal and tqdm is installed.
+        Whether tqdm shows a bar; by default after two seconds, in a terminal with tqdm installed.
     horizon : float, s, optional
         Each scan is registered with the one of its sensor whose time is nearest to this long
-        before, by default 0.3 s; or with the first one.  Over a longer interval, the same position
-        error causes a smaller velocity error, as long as the velocity changes evenly and the
-        targets stay in view.
+        before, by default 0.3 s; or with the first one.
     baseline : int, optional
         The same as a number of scans, instead of a horizon.
     carry : bool
         Whether a Kalman filter of velocity and acceleration takes each estimate to the time of its
-        round, which positions, of a mean velocity over an interval, lag behind, and averages their
-        noise; the default.  The errors of the ``budget`` it considers, but does not learn (Schmidt
-        1966).  False gives the bare pairs: the velocity with which the scans fit best if it is
-        constant, and the inverse Hessian, as `estimate_ego_motion`, without ``budget``, ``gyro`` or
-        ``smooth``.
+        round, by default; it considers the errors of the ``budget``, but does not learn them
+        (Schmidt 1966).  False gives the bare pairs of `estimate_ego_motion`, which lag behind,
+        without ``budget``, ``gyro`` or ``smooth``.
     initial : (3,) array, optional
         Start [v_x, v_y, omega] of the first estimate.
     budget : ErrorBudget, optional
@@ -347,8 +329,7 @@ def _counted(rounds: list[Round], progress: bool | None) -> Iterable[Round]:
         return rounds
     from tqdm import tqdm
 
-    hidden, delay = (
-        (False, 0.0) if progress else (None, _BAR_DELAY)
-    )  # None: if no terminal is there
+    # None hides it where there is no terminal
+    hidden, delay = (False, 0.0) if progress else (None, _BAR_DELAY)
     bar: Iterable[Round] = tqdm(rounds, unit="estimate", disable=hidden, delay=delay)
     return bar

@@ -5,12 +5,12 @@ from functools import cache
 
 import numpy as np
 
-from d2d import ANNEALED
+from d2d import ANNEALED, rigid
 from d2d._types import Array
 from d2d.bootstrap import block_length
 from d2d.radar import Track, compare, simulate_drive, track
 from d2d.radar.simulation.drive import CAR_MOUNTING, CAR_SPEED, Drive
-from d2d.radar.tracks.path import integrate
+from d2d.radar.tracks.path import chain
 from d2d.study.book.claim import ANEES, RATIO, SHARE, Evidence, Margin, Part, claim, nearly_all
 from d2d.study.book.measured import (
     Measured,
@@ -169,7 +169,7 @@ def trajectory_drifts(ev: Evidence) -> None:
         for drive, tracks in robot_drives():
             true = drive.truth.poses
             driven = tracks[doppler]
-            off = integrate(driven.theta, driven.intervals, true[0]) - true
+            off = chain(rigid.exponential(driven.intervals[:, None] * driven.theta), true[0]) - true
             offsets.append(np.linalg.norm(off[[len(true) // 4, -1], :2], axis=-1))
         quarter, end = np.transpose(offsets)  # of each drive, in m
         growth = mean_of(end - quarter)

@@ -8,7 +8,7 @@ from scipy.special import chdtri
 from d2d import credibility, rigid
 from d2d._types import Array
 from d2d.radar import Reference, Track
-from d2d.radar.tracks.path import integrate
+from d2d.radar.tracks.path import chain
 from d2d.study.road.drive import HORIZON, Drive, Source
 from d2d.study.road.markdown import markdown, write_page
 
@@ -66,7 +66,8 @@ def by_its_velocities(reference: Reference) -> Reference:
     times, theta = reference.times[known], reference.theta[known]
     fine = np.linspace(times[0], times[-1], 1 + int(np.ceil((times[-1] - times[0]) / STEP)))
     velocities = np.column_stack([np.interp(fine, times, column) for column in theta.T])
-    poses = integrate(0.5 * (velocities[1:] + velocities[:-1]), np.diff(fine))
+    means = 0.5 * (velocities[1:] + velocities[:-1])
+    poses = chain(rigid.exponential(np.diff(fine)[:, None] * means), np.zeros(3))
     return Reference(fine, velocities, poses)
 
 

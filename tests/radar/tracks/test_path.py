@@ -13,7 +13,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from d2d import rigid
 from d2d.radar import Track, track
 from d2d.radar.tracks.filter import smooth_mixtures
-from d2d.radar.tracks.path import integrate
+from d2d.radar.tracks.path import chain
 from d2d.scores import normalised_squares
 from tests.radar.scenes import CORNER, arc, observe
 from tests.radar.tracks.test_filter import VEHICLES, drawn, filtered
@@ -160,7 +160,7 @@ def test_displacements_are_as_sure_as_they_say(rate, smooth):
         steps = np.diff(times, prepend=-1.0 / rate)
         own = Track(times, steps, means, errors[:, 1, :3, :3], good, errors=errors)
         middle, _ = VEHICLES["car"](fine + 2.0 * FINE, seed)
-        poses = integrate(middle, np.full(len(fine), 4.0 * FINE))
+        poses = chain(rigid.exponential(4.0 * FINE * middle), np.zeros(3))
         for span, squares in found.items():
             starts = FINE * np.round(np.arange(1.0, 35.0 - span, max(span, 2.0)) / FINE)
             ahead = own.displacement(starts, starts + span)
