@@ -11,8 +11,6 @@ from d2d._types import Array
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from d2d.radar.tracks.track import Track
-
 COLOR, MARKER = "#009E73", "o"  # Okabe and Ito's bluish green, which colour-blind readers tell
 LINE = (0, (6.0, 1.2, 1.2, 1.2))  # dash-dotted
 ESTIMATE: dict[str, Any] = {"color": COLOR, "ls": LINE}
@@ -21,8 +19,8 @@ _LABELS = ("$v_x$ (m/s)", "$v_y$ (m/s)", "$ω$ (°/s)")
 _FAILED = "black"
 
 
-def draw(driven: Track) -> Figure:
-    """Draw the path of a track, its velocities in a band of 3 sigma, and its inliers if known.
+def draw(driven: Any) -> Figure:
+    """Draw the path of a `Track`, its velocities in a band of 3 sigma, and its inliers if known.
 
     The panels stand one below the other, so that the picture fits a phone.
     """
@@ -67,7 +65,7 @@ def draw(driven: Track) -> Figure:
     return figure
 
 
-def _regions(driven: Track) -> Array:
+def _regions(driven: Any) -> Array:
     """Outlines (m, 60, 2) of the ellipses along the path; none without a budget."""
     accepted = driven.times[driven.converged]
     if driven.errors is None or not len(accepted):
