@@ -15,8 +15,9 @@ import threading
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
+from string import Template
 from typing import Any, TextIO
 
 import numpy as np
@@ -27,7 +28,7 @@ from d2d.radar.evaluation.calibrate import calibrate
 from d2d.radar.evaluation.compare import check_reference, compare
 from d2d.radar.evaluation.diagnose import Finding, agreement, diagnose
 from d2d.radar.files import write_together
-from d2d.radar.live import LINES, estimates_of
+from d2d.radar.live import estimates_of
 from d2d.radar.readers import READERS
 from d2d.radar.readers.bag import write_bag
 from d2d.radar.readers.csv_log import load_csv, write_csv
@@ -57,73 +58,19 @@ VEHICLES: dict[str, dict[str, float]] = {
     },
     "train": {"speed": 150.0, "yaw_rate": 0.3, "acceleration": 4.0, "yaw_acceleration": 0.3},
 }
-
-# ---- The options, as `option_table` reads them
-
-GATES = option_table("""
---range M M          targets between these ranges
---azimuth DEG DEG    targets between these azimuths in the sensor's frame
---elevation DEG DEG  targets between these elevations in the sensor's frame
-""")
-ESTIMATION = option_table(f"""
---horizon S    register each scan with the one nearest to S seconds before (default: {HORIZON:g})
---baseline N   register each scan with the Nth before, instead of --horizon
---side-slip M/S  standard deviation of the sideways velocity of the vehicle's origin about zero; 0
-               if it never moves sideways, as the middle of a rear axle that does not slip (default:
-               unknown). It helps a single radar most: v_y and the heading become more accurate
---vehicle {"|".join(VEHICLES)}=car  what the vehicle can do, for the limits below (default: car); an
-               omni moves sideways, too
-""")
-# In the order of the fields of `VehicleLimits`; an estimate beyond one is not accepted.
-LIMITS = option_table("""
---max-speed M/S                 of the vehicle's origin; this and the following may be inf
---max-yaw-rate DEG/S            of the vehicle
---max-acceleration M/S^2        along and across
---max-yaw-acceleration DEG/S^2  of the vehicle
---max-yaw-rate-sigma DEG/S      of an estimate's own standard deviation
---max-speed-sigma M/S           of an estimate's own standard deviation
---max-yaw-rate-of-slip DEG/S    by which the yaw rate may change if v_y is taken as zero
-""")
-GYRO = option_table(f"""
---gyro-sigma DEG/S  of a single yaw rate's noise (default: {math.degrees(Gyro().sigma):g})
---gyro-bias DEG/S   of the gyro's bias, which is learnt (default: {math.degrees(Gyro().bias):g})
-""")
-OF_LOGS = option_table(f"""
---gyro FILE         yaw rates of a gyro by the radars' clock: a CSV file with time (s) and yaw_rate
-                    (rad/s, counter-clockwise) or yaw_rate_deg, or a bag with Imu
---gyro-topic TOPIC  of a gyro in a bag (default: its only one)
---extent M          how far reflections wander on objects from scan to scan, as a standard deviation
-                    (default: the data set's own, or 0 for a log)
---max-interval S={MAX_INTERVAL:g}  longest usual time between two scans (default: {MAX_INTERVAL:g})
-""")
-OUTPUT = option_table("""
---output PREFIX=track  beginning of the files' names (default: track); if it is a folder or ends
-                       with /, the files are called track.* in it
---report PAGE.html     also write a page with path, velocities, residuals, findings and settings
---output-bag BAG       also write messages Odometry and TwistWithCovarianceStamped to a bag of ROS 1
-                       (a file .bag) or of ROS 2 (a folder)
---force                write the files even if they are surely of no use, or too few estimates were
-                       accepted in a row (status 3)
---no-picture           write no picture
---no-progress          show no progress bar
-""")
-# Standard deviations of an `ErrorBudget`.
-BUDGET = option_table("""
---budget-azimuth DEG   of each sensor's azimuth and mounting
---budget-doppler M/S   of all Doppler velocities of a scan
---budget-scale SHARE   relative, of all Doppler velocities
---budget-lag S         of the scans' time stamps (a common delay)
---budget-neighbours M  length over which the position errors of neighbouring targets are correlated
-""")
-NO_BUDGET = option_table("--no-budget  state none of these errors but those that are given")
-REFERENCE = option_table("""
---odometry FILE  a TUM trajectory (t x y z qx qy qz qw), or a CSV file with the columns time (s),
-                 speed (m/s) and yaw_rate (rad/s) or yaw_rate_deg (deg/s), or a bag with Odometry or
-                 TwistWithCovariance
---topic TOPIC    of a reference that is a bag (default: its only one of these types)
---max-lag S=0.5  search the lag of the clocks from -S to S (default: 0.5)
---lag S=0        how late the radars' clock is beside the reference's, as calibrate finds it
-""")
+GATES = ("range", "azimuth", "elevation")
+# The options of `VehicleLimits`, by their names there.
+LIMITS = {
+    "speed": "max_speed",
+    "yaw_rate": "max_yaw_rate",
+    "acceleration": "max_acceleration",
+    "yaw_acceleration": "max_yaw_acceleration",
+    "uncertainty": "max_yaw_rate_sigma",
+    "speed_uncertainty": "max_speed_sigma",
+    "yaw_rate_of_slip": "max_yaw_rate_of_slip",
+}
+# A section of `commands.txt`: a command, or options of some commands.
+_SECTION = re.compile(r"^# (command|options) (.+?): (.+)\n((?:(?!# ).*\n)+)", re.MULTILINE)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -207,63 +154,70 @@ def _plain(text: object) -> str:
 
 
 def _parser() -> argparse.ArgumentParser:
-    plain = argparse.RawDescriptionHelpFormatter
-    parser = argparse.ArgumentParser(PROGRAM, description=HELP, formatter_class=plain)
+    """The parser of the commands and options in `commands.txt`, and of those of the readers."""
+    # the columns of a log, as the documentation says them
+    log = "\n\n".join((inspect.getdoc(load_csv) or "").replace("``", "").split("\n\n")[1:3])
+    text = Template(Path(__file__).with_name("commands.txt").read_text("utf-8")).substitute(
+        program=PROGRAM,
+        log=log,
+        vehicles="|".join(VEHICLES),
+        horizon=f"{HORIZON:g}",
+        max_interval=f"{MAX_INTERVAL:g}",
+        gyro_sigma=f"{math.degrees(Gyro().sigma):g}",
+        gyro_bias=f"{math.degrees(Gyro().bias):g}",
+    )
+    plain: dict[str, Any] = {"formatter_class": argparse.RawDescriptionHelpFormatter}
+    parser = argparse.ArgumentParser(PROGRAM, description=text.partition("\n# ")[0], **plain)
     parser.add_argument("--version", action="version", version=f"d2d {d2d.__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-
-    def command(
-        name: str, about: str, run: Callable[[Any], int | None], how: str = "", epilog: str = ""
-    ) -> argparse.ArgumentParser:
-        texts: dict[str, Any] = {"help": about, "description": how or about, "epilog": epilog}
-        added = commands.add_parser(name, **texts, formatter_class=plain, allow_abbrev=False)
-        added.set_defaults(run=run, error=added.error)
-        return added
-
-    about = "estimate a drive and write its path and velocities"
-    of_track = command("track", about, _track, TRACK_HELP, TRACK_EPILOG)
-    which = of_track.add_argument_group("what to read (one of them)")
-    source = which.add_mutually_exclusive_group(required=True)
-    for reader in READERS.values():
-        how: Any = {"metavar": reader.metavar, "help": reader.about, "action": reader.action}
-        source.add_argument(_flag(reader.name), **how)
-    # those of one heading follow each other in the table
-    for heading, readers in itertools.groupby(READERS.values(), lambda reader: reader.heading):
-        of_readers = {name: how for reader in readers for name, how in reader.options.items()}
-        _add(of_track, heading, of_readers)
-    _add(of_track, ABOUT_GATES, GATES)
-    _add(of_track, "how to estimate", ESTIMATION | LIMITS | OF_LOGS | GYRO)
-    _add(of_track, "what to write", OUTPUT)
-    _add(of_track, ABOUT_BUDGET, BUDGET | NO_BUDGET)
-    about = "estimate while scans arrive: lines of JSON in, lines of JSON out"
-    live, log = command("live", about, _live, LINES), READERS["csv"]
-    of_lines = {name: log.options[name] for name in ("mounting", *SIGMAS, "degrees")}
-    _add(live, "options of a scan", of_lines, "mounting")
-    _add(live, ABOUT_GATES, GATES)
-    _add(live, "how to estimate", ESTIMATION | LIMITS | GYRO)
-    _add(live, ABOUT_BUDGET, BUDGET | NO_BUDGET)
-    about = "find clock, speed, slip and mounting angles by an odometry"
-    calibrating = command("calibrate", about, _calibrate, CALIBRATE_HELP)
-    files = {"csv": {"metavar": "FILE", "help": log.about, "action": log.action}}
-    files |= {name: REFERENCE[name] for name in ("odometry", "topic", "max_lag")}
-    _add(calibrating, "what to read", files, "csv", "odometry")
-    _add(calibrating, log.heading, log.options, *log.needed)
-    _add(calibrating, ABOUT_GATES, GATES)
-    comparing = command("compare", "compare a track with a reference", _compare)
-    comparing.add_argument("track", metavar="TRACK", help="PREFIX.npz")
-    about = REFERENCE["odometry"]["help"]
-    comparing.add_argument("reference", metavar="REFERENCE", help=about)
-    _add(comparing, "options", {name: REFERENCE[name] for name in ("topic", "lag")})
-    example = command("example", "write a log, simulated or real, as a CSV file", _write_example)
-    about = "45 s of a Delphi ESR on a car (Apache License 2.0; see examples/esr)"
-    example.add_argument("--real", action="store_true", help=about)
-    example.add_argument("file", metavar="FILE", help="the CSV file; an existing one is replaced")
+    added = {}
+    for kind, names, title, body in _SECTION.findall(text):
+        if kind == "command":
+            about, _, epilog = body.partition("---\n")
+            texts: dict[str, Any] = {"help": title, "description": about, "epilog": epilog}
+            added[names] = commands.add_parser(names, **texts, **plain, allow_abbrev=False)
+            added[names].set_defaults(run=RUN[names], error=added[names].error)
+            _add_files(names, added[names])
+        else:
+            for name in names.split():
+                _add(added[name], title, option_table(body), "odometry", about=body)
     return parser
 
 
-def _add(parser: argparse.ArgumentParser, heading: str, table: Options, *needed: str) -> None:
+def _add_files(command: str, parser: argparse.ArgumentParser) -> None:
+    """Add what a command reads or writes, with the options of the readers."""
+    log = READERS["csv"]
+    files: Options = {
+        name: {"metavar": reader.metavar, "help": reader.about, "action": reader.action}
+        for name, reader in READERS.items()
+    }
+    if command == "track":
+        group = parser.add_argument_group("what to read (one of them)")
+        source = group.add_mutually_exclusive_group(required=True)
+        for name, how in files.items():
+            source.add_argument(_flag(name), **how)
+        # those of one heading follow each other in the table
+        for heading, readers in itertools.groupby(READERS.values(), lambda reader: reader.heading):
+            of_readers = {name: how for reader in readers for name, how in reader.options.items()}
+            _add(parser, heading, of_readers)
+    elif command == "live":
+        of_scans = {name: log.options[name] for name in ("mounting", *SIGMAS, "degrees")}
+        _add(parser, "options of a scan", of_scans, "mounting")
+    elif command == "calibrate":
+        _add(parser, log.heading, {"csv": files["csv"]} | log.options, "csv", *log.needed)
+    elif command == "compare":
+        parser.add_argument("track", metavar="TRACK", help="PREFIX.npz")
+        parser.add_argument("reference", metavar="REFERENCE", help="as the --odometry of calibrate")
+    else:
+        about = "the CSV file; an existing one is replaced"
+        parser.add_argument("file", metavar="FILE", help=about)
+
+
+def _add(
+    parser: argparse.ArgumentParser, heading: str, table: Options, *needed: str, about: str = ""
+) -> None:
     """Add a group of options, of which some are needed."""
-    group = parser.add_argument_group(*heading.split(": ", 1))
+    group = parser.add_argument_group(heading, about.partition("--")[0].strip() or None)
     for name, how in table.items():
         group.add_argument(_flag(name), required=name in needed, **how)
 
@@ -273,7 +227,7 @@ def _flag(name: str) -> str:
 
 
 def _check_options(arguments: argparse.Namespace) -> None:
-    """Leave with a message if an option is missing, or does not go with another."""
+    """Leave with a message if an option of a reader is missing, or belongs to another one."""
     options, error = vars(arguments), arguments.error
     if arguments.command == "track":
         chosen = next(each for name, each in READERS.items() if options[name] is not None)
@@ -291,7 +245,8 @@ def _source(arguments: argparse.Namespace) -> Source:
     options = vars(arguments)
     reader = next(each for name, each in READERS.items() if options.get(name) is not None)
     sensors, budget = reader.read(options[reader.name], options)
-    gates, extent = {name: options[name] for name in GATES}, options.get("extent")
+    gates = {name: options[name] for name in GATES}
+    extent = options.get("extent")
 
     def used(scan: RadarScan) -> RadarScan:
         kept = scan.within(**gates)
@@ -302,36 +257,22 @@ def _source(arguments: argparse.Namespace) -> Source:
 
 def _options(arguments: argparse.Namespace, budget: ErrorBudget) -> dict[str, Any]:
     """The options of `track` and `Tracker` that the arguments give."""
-    given = {name.partition("_")[2]: getattr(arguments, name) for name in BUDGET}
-    known = {name: value for name, value in given.items() if value is not None}
-    slip = arguments.side_slip
+    given = {name: value for name, value in vars(arguments).items() if value is not None}
+    shared = {n.removeprefix("budget_"): given[n] for n in given if n.startswith("budget_")}
+    limits = {name: given[option] for name, option in LIMITS.items() if option in given}
+    gyro = {name: given[f"gyro_{name}"] for name in ("sigma", "bias") if f"gyro_{name}" in given}
+    if "gyro" in given:
+        gyro["times"], gyro["yaw_rates"] = load_gyro(arguments.gyro, arguments.gyro_topic)
+    elif gyro and arguments.command == "track":
+        raise ValueError("--gyro-sigma and --gyro-bias need --gyro FILE")
     return {
         "baseline": arguments.baseline,
         "horizon": arguments.horizon,
-        "budget": replace(ErrorBudget() if arguments.no_budget else budget, **known),
-        "side_slip": True if slip is None else slip or False,
-        "limits": _limits(vars(arguments)),
-        "gyro": _gyro(vars(arguments)),
+        "budget": replace(ErrorBudget() if arguments.no_budget else budget, **shared),
+        "side_slip": given.get("side_slip", True) or False,
+        "limits": VehicleLimits(**VEHICLES[arguments.vehicle] | limits),
+        "gyro": Gyro(**gyro) if gyro else None,
     }
-
-
-def _gyro(options: dict[str, Any]) -> Gyro | None:
-    """The gyro of the options, with its yaw rates if they are in a file."""
-    stated = {name: options[f"gyro_{name}"] for name in ("sigma", "bias")}
-    known: dict[str, Any] = {name: value for name, value in stated.items() if value is not None}
-    if options.get("gyro") is not None:
-        times, rates = load_gyro(options["gyro"], options["gyro_topic"])
-        return Gyro(times=times, yaw_rates=rates, **known)
-    if known and options["command"] == "track":
-        raise ValueError("--gyro-sigma and --gyro-bias need --gyro FILE")
-    return Gyro(**known) if known else None
-
-
-def _limits(options: dict[str, Any]) -> VehicleLimits:
-    """The limits of the vehicle that the options name, with the numbers that they give."""
-    named = zip(fields(VehicleLimits), LIMITS, strict=True)
-    known = {field.name: options[name] for field, name in named if options[name] is not None}
-    return VehicleLimits(**VEHICLES[options["vehicle"]] | known)
 
 
 # ---- What the commands do
@@ -410,10 +351,9 @@ def _live(arguments: argparse.Namespace) -> None:
         # JSON is UTF-8, which may begin with a mark; a wrong byte is one wrong line
         sys.stdin.reconfigure(encoding="utf-8-sig", errors="replace")
 
-    sigmas = options_of(vars(arguments))
-    degrees = bool(arguments.degrees)
+    given = {"degrees": bool(arguments.degrees), **options_of(vars(arguments))}
     gates = {name: getattr(arguments, name) for name in GATES}
-    for line in estimates_of(sys.stdin, tracker, _complain, gates, degrees=degrees, **sigmas):
+    for line in estimates_of(sys.stdin, tracker, _complain, gates, **given):
         print(line, flush=True)
 
 
@@ -505,68 +445,10 @@ REAL_OPTIONS = (
     "doppler=track_range_rate_m_per_s --scan-gap 0.01 --skip-invalid --azimuth -40 11.5 "
     "--mounting radar 3.5 0 0"
 )
-
-# ---- The text of the help
-
-HELP = f"""\
-Estimates how a vehicle moved from the measurements of its Doppler radars.
-
-A first try, with a simulated log that the program writes itself:
-
-  {PROGRAM} example log.csv
-  {PROGRAM} track --csv log.csv --mounting radar 0.4 0 0 --output drive
-
-Help on each command: {PROGRAM} track --help
-"""
-
-CALIBRATE_HELP = """\
-Compares the Doppler velocities of static targets with an odometry, and prints the lag of the
-radars' clock, the factor on the odometry's speed, the side slip, the angle to add to each mounting,
-and the mountings with it.  Drive bends to both sides, and change the speed.
-"""
-
-ABOUT_GATES = "which targets to use (by default all)"
-ABOUT_BUDGET = """\
-error budget: Standard deviations of errors that many targets share. They do not average out, so
-that covariances without them are too small. The default of each is that of the data set, or zero
-for a log."""
-
-TRACK_HELP = """\
-Estimates the velocity of a vehicle from one radar or several, integrates it to a path, and writes
-
-  PREFIX.tum              the path, a line "t x y z qx qy qz qw" per pose, for evo and others
-  PREFIX_velocities.csv   v_x, v_y, omega and their covariances, a table for pandas and others
-  PREFIX.npz              everything, for d2d.radar.Track.load
-  PREFIX.png              a picture (if matplotlib is installed)
-
-Either all of them are written at the end or none: PREFIX.npz is there only beside the others. Where
-the clock steps back, as between two runs of a logger, each part has files of its own: PREFIX_1, ...
-The first run compiles for up to a minute.
-"""
-
-# What a log holds, as the documentation says it.
-LOG = "\n\n".join((inspect.getdoc(load_csv) or "").replace("``", "").split("\n\n")[1:4])
-TRACK_EPILOG = f"""\
-A log is a table with a line for each target.  {LOG}
-
-As a CSV file:
-
-  time,sensor,range,azimuth,doppler,sigma_range,sigma_azimuth,sigma_doppler
-  12.05,front,14.21,-0.31,-8.92,0.15,0.009,0.06
-
-Standard deviations are best those of the data sheet; if the sensor rounds its values to steps, add
-the variance step^2 / 12.
-
-Where a sensor sits: x forward and y left of the vehicle's origin (best the middle of the rear axle)
-in m, and the direction of its boresight in degrees, counter-clockwise from straight ahead.
-
-One radar at the front bumper of a car, standard deviations for all targets:
-
-  {PROGRAM} track --csv log.csv --degrees --mounting radar 3.7 0 0 --side-slip 0.05 \\
-      --sigma-range 0.15 --sigma-azimuth 0.5 --sigma-doppler 0.06
-
-The book's pages "Your own radar" and "When a path looks wrong" explain which options logs of other
-forms need, with a stamp for each target, in two files or in a bag, how to choose standard
-deviations and a budget, how to test a covariance, what the reasons of estimates that were not
-accepted mean, and what mistakes with a log look like.
-"""
+RUN: dict[str, Callable[[Any], int | None]] = {
+    "track": _track,
+    "live": _live,
+    "calibrate": _calibrate,
+    "compare": _compare,
+    "example": _write_example,
+}

@@ -18,22 +18,6 @@ _COLUMNS = ("time", *MEASURED, *SIGMAS)
 # 3000 years since 1970, before those in ms begin; float64 still holds them to 15 us
 _TIME = SECONDS._replace(most=1e11, hint="; are these milli-, micro- or nanoseconds?")
 
-LINES = """\
-Reads scans from the standard input, one line of JSON each, and writes the estimates that they
-complete to the standard output, one line of JSON each, at once:
-
-  {"sensor": "front", "time": 12.05, "range": [14.2, 31.0], "azimuth": [-0.31, 0.02],
-   "doppler": [-8.92, -9.3], "sigma_range": 0.15, "sigma_azimuth": 0.009, "sigma_doppler": 0.06}
-
-  {"time": 12.05, "converged": true, "reason": "", "theta": [9.3, 0.01, 0.02], "pose": [x, y, yaw],
-   "covariance": [[...], [...], [...]], "targets": 2, "inliers": 0.93, "filter_input": {...}}
-
-Each in one line; a scan may have "elevation" and "sigma_elevation", too.  With --gyro-sigma, a line
-{"time": 12.05, "yaw_rate": 0.021} is one of a gyro's, in rad/s.  Units are those of a CSV file, and
-a sigma may be a number or a list; theta is v_x, v_y, omega in m/s, m/s, rad/s, and the pose that of
-the path from the first estimate.  A line that is not right is named on the standard error.
-"""
-
 
 def estimates_of(
     lines: Iterable[str],
@@ -44,7 +28,7 @@ def estimates_of(
     degrees: bool = False,
     **sigmas: float,
 ) -> Iterator[str]:
-    """The estimates that lines with scans complete, as `LINES` says.
+    """The estimates that lines with scans complete, as `python -m d2d.radar live --help` says.
 
     ``gates`` are arguments of `RadarScan.within`, ``sigmas`` those of all targets, in m, rad, m/s.
     What is wrong with a line goes to ``complain`` with its number, and the next one is read.

@@ -413,7 +413,7 @@ def test_calibrate_finds_angle_and_lag_and_prints_the_mounting(tmp_path, capsys)
     word, name, *place = said.splitlines()[-1].split()
     assert (word, name) == ("--mounting", "front")
     assert_allclose([float(number) for number in place], [0.4, 0.0, 0.0], atol=0.2)
-    assert "the columns time, speed or yaw_rate" in failed(
+    assert "the columns time, speed or time, yaw_rate" in failed(
         [*call[:3], "--odometry", call[2], "--mounting", "front", "0", "0", "0"], capsys
     )
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from d2d._checks import FINITE, check_path
+from d2d._checks import check_path
 from d2d._types import Array
 from d2d.radar.readers.reader import (
     LOG_OPTIONS,
@@ -20,14 +20,8 @@ from d2d.radar.readers.reader import (
     options_of,
 )
 from d2d.radar.readers.shared import brief, reading, yaw_of
-from d2d.radar.readers.table import (
-    TARGET,
-    recognised,
-    scan_of,
-    usual_sigmas,
-    valid,
-    warn_of_left_out,
-)
+from d2d.radar.readers.table import TARGET, recognised
+from d2d.radar.readers.targets import scan_of, select, valid
 from d2d.radar.scans.budget import ErrorBudget
 from d2d.radar.scans.reference import Reference
 from d2d.radar.scans.scan import Mounting, RadarScan
@@ -35,13 +29,22 @@ from d2d.radar.tracks.track import Track
 
 _NANOSECOND = 1e-9  # s
 _UNKNOWN, _PLANAR = 1e6, [0, 1, 5]  # variance; x, y and yaw among x, y, z, roll, pitch, yaw
-_SCANS = ("sensor_msgs/msg/PointCloud2", "radar_msgs/msg/RadarScan")
 _TYPES = {1: "i1", 2: "u1", 3: "<i2", 4: "<u2", 5: "<i4", 6: "<u4", 7: "<f4", 8: "<f8"}
-REFERENCES = (
-    *("nav_msgs/msg/Odometry", "geometry_msgs/msg/TwistWithCovarianceStamped"),
-    "geometry_msgs/msg/TwistStamped",
-)
-GYROS = ("sensor_msgs/msg/Imu",)
+_PACKAGES = {
+    **dict.fromkeys(("PointCloud2", "Imu"), "sensor_msgs"),
+    **{"RadarScan": "radar_msgs", "Odometry": "nav_msgs"},
+    **{"Header": "std_msgs", "Time": "builtin_interfaces"},
+}
+
+
+def _kind(name: str) -> str:
+    """The whole name of a type of messages."""
+    return f"{_PACKAGES.get(name, 'geometry_msgs')}/msg/{name}"
+
+
+_SCANS = (_kind("PointCloud2"), _kind("RadarScan"))
+REFERENCES = tuple(map(_kind, ("Odometry", "TwistWithCovarianceStamped", "TwistStamped")))
+GYROS = (_kind("Imu"),)
 
 
 def is_bag(path: Path) -> bool:
@@ -60,16 +63,12 @@ def load_bag(
 ) -> dict[str, tuple[list[RadarScan], Mounting]]:
     """Read the scans and the mounting of each topic, by its name, as `track` takes them.
 
-    A topic has messages ``sensor_msgs/PointCloud2`` or ``radar_msgs/RadarScan``.  The fields of a
-    cloud are recognised by the names that a log's columns may have: range and azimuth, or x, y and
-    z, and a Doppler velocity.  Points that are not finite or without a range are left out, with a
-    warning that counts them.  The mounting is that of the messages' frame in ``base_frame``, from
-    ``/tf_static``, unless it is among the ``mountings``.  Times are those of the headers; with
-    ``bag_stamps``, or where a header has none, those at which the messages were written.
-
-    The standard deviations ``sigma_range``, ``sigma_azimuth`` and ``sigma_doppler`` in m, rad and
-    m/s are those of all targets; without one a usual value is taken, with a warning.  Targets with
-    a smaller SNR than ``min_snr`` are left out.
+    A topic has messages ``sensor_msgs/PointCloud2``, with fields that are named as the columns of a
+    log may be, or ``radar_msgs/RadarScan``.  Points that are not finite or without a range are left
+    out, with a warning that counts them.  The mounting is that of the messages' frame in
+    ``base_frame``, from ``/tf_static``, unless it is among the ``mountings``.  Times are those of
+    the headers; with ``bag_stamps``, or where a header has none, those at which the messages were
+    written.  ``min_snr`` and the sigmas in m, rad and m/s are those of `load_csv`.
 
     Raises a ``ValueError`` if the bag cannot be read or a topic, field or mounting is missing, and
     a ``ModuleNotFoundError`` without rosbags.
@@ -128,14 +127,10 @@ def _opened(path: Path) -> Iterator[Any]:
     ros = _rosbags()
     if not path.exists():
         raise FileNotFoundError(f"{path} does not exist; it should be a bag")
-    try:
+    with reading(path, "a complete bag of ROS"):
         store = ros.typesys.get_typestore(ros.typesys.Stores.LATEST)
         with ros.highlevel.AnyReader([path], default_typestore=store) as reader:
             yield reader
-    except Exception as error:  # damaged bytes raise errors of rosbags, SQLite, YAML and others
-        if isinstance(error, ValueError | FileNotFoundError) and str(path) in str(error):
-            raise
-        raise ValueError(f"{path} is not a complete bag of ROS: {brief(repr(error))}") from None
 
 
 def _topic(path: Path, bag: Any, of: str, kinds: Sequence[str], topic: str | None) -> str:
@@ -176,18 +171,12 @@ def _scans(
                 clouds.append(_cloud(message) if kind == _SCANS[0] else _returns(message))
                 times.append(time)
                 frame = message.header.frame_id
-            columns = _columns(clouds)
-            errors = {name: sigma for name, sigma in sigmas.items() if sigma is not None}
-            used, known = valid(columns), errors.keys() | columns.keys()
-            errors |= usual_sigmas(f"{path}, {topic}", known, columns["doppler"][used])
-            warn_of_left_out(path, int((~used).sum()), len(used), f"points of {topic}")
-            if min_snr is not None:
-                if "snr" not in columns:
-                    raise ValueError("it has no field snr, which min_snr needs")
-                used &= columns["snr"] >= FINITE.number("min_snr", min_snr)
+            columns, where = _columns(clouds), f"{path}, {topic}"
+            given = {name: sigma for name, sigma in sigmas.items() if sigma is not None}
+            columns, used = select(where, "points", columns, valid(columns), given, min_snr)
             ends = np.cumsum([len(next(iter(cloud.values()))) for cloud in clouds])
             scans = [
-                scan_of(time, {name: c[own][used[own]] for name, c in columns.items()} | errors)
+                scan_of(time, {name: c[own][used[own]] for name, c in columns.items()})
                 for time, own in zip(times, np.split(np.arange(len(used)), ends[:-1]), strict=True)
             ]
     return scans, frame
@@ -262,8 +251,8 @@ def write_bag(path: str | os.PathLike[str], driven: Track, frame: str = "base_li
     The topics are ``/d2d/odometry``, of a pose in the frame "odom", and ``/d2d/twist``.  A path
     that ends with .bag becomes a bag of ROS 1, another one a folder of ROS 2 with an MCAP file.
     Estimates that were not accepted have no twist, and an odometry of unknown velocity.
-    Covariances are 6 x 6 in row-major order over x, y, z, roll, pitch, yaw, in m, rad and seconds;
-    what is not known has the variance 1e6.  The track must be of one segment, and the path free.
+    Covariances are in m, rad and seconds; what is not known has the variance 1e6.  The track must
+    be of one segment, and the path free.
     """
     target = check_path("path", path)
     if target.exists():
@@ -274,39 +263,33 @@ def write_bag(path: str | os.PathLike[str], driven: Track, frame: str = "base_li
     serialize = store.serialize_ros1 if first else store.serialize_cdr
     mcap = {"version": 8, "storage_plugin": ros.rosbag2.StoragePlugin.MCAP}
     writer = ros.rosbag1.Writer(target) if first else ros.rosbag2.Writer(target, **mcap)
-    types = {
-        name.rpartition("/")[2]: kind
-        for name, kind in store.types.items()
-        if name.startswith(
-            ("builtin_interfaces/msg/", "geometry_msgs/", "nav_msgs/msg/", "std_msgs/msg/Header")
-        )
-    }
-    sequence = {"seq": 0} if first else {}
 
-    def write(topic: Any, time: float, of: str, kind: str, *content: Any) -> None:
+    def make(name: str, *content: Any) -> Any:
+        return store.types[_kind(name)](*content)
+
+    def write(topic: Any, time: float, of: str, name: str, *content: Any) -> None:
         seconds = int(time // 1.0)
-        stamp = types["Time"](seconds, min(round((time - seconds) / _NANOSECOND), 999_999_999))
-        header = types["Header"](**sequence, stamp=stamp, frame_id=of)
-        message = types[kind](header, *content)
-        writer.write(topic, round(time / _NANOSECOND), serialize(message, message.__msgtype__))
+        stamp = make("Time", seconds, min(round((time - seconds) / _NANOSECOND), 999_999_999))
+        header = make("Header", *[0] * first, stamp, of)  # ROS 1 numbers its messages
+        raw = serialize(make(name, header, *content), _kind(name))
+        writer.write(topic, round(time / _NANOSECOND), raw)
 
     poses, start = driven.poses()[1:], driven.times[:1] - driven.intervals[:1]
     moved = driven.displacement(np.repeat(start, len(driven)), driven.times).covariance
-    point, vector, quaternion = (types[name] for name in ("Point", "Vector3", "Quaternion"))
     with writer:
         odometry, twists = (
-            writer.add_connection(f"/d2d/{topic}", types[kind].__msgtype__, typestore=store)
-            for topic, kind in (("odometry", "Odometry"), ("twist", "TwistWithCovarianceStamped"))
+            writer.add_connection(f"/d2d/{topic}", _kind(name), typestore=store)
+            for topic, name in (("odometry", "Odometry"), ("twist", "TwistWithCovarianceStamped"))
         )
-        for time, (x, y, yaw), spread, theta, covariance, good in zip(
+        for time, (x, y, yaw), spread, (v_x, v_y, omega), covariance, good in zip(
             *(driven.times, poses, moved, driven.theta, driven.covariance, driven.converged),
             strict=True,
         ):
-            turn = quaternion(0.0, 0.0, np.sin(0.5 * yaw), np.cos(0.5 * yaw))
-            velocity = types["Twist"](vector(*theta[:2], 0.0), vector(0.0, 0.0, theta[2]))
-            twist = types["TwistWithCovariance"](velocity, _spatial(covariance))
-            place = types["Pose"](point(x, y, 0.0), turn)
-            pose = types["PoseWithCovariance"](place, _spatial(spread))
+            turn = make("Quaternion", 0.0, 0.0, np.sin(0.5 * yaw), np.cos(0.5 * yaw))
+            place = make("Pose", make("Point", x, y, 0.0), turn)
+            along, about = make("Vector3", v_x, v_y, 0.0), make("Vector3", 0.0, 0.0, omega)
+            pose = make("PoseWithCovariance", place, _spatial(spread))
+            twist = make("TwistWithCovariance", make("Twist", along, about), _spatial(covariance))
             write(odometry, time, "odom", "Odometry", frame, pose, twist)
             if good:
                 write(twists, time, frame, "TwistWithCovarianceStamped", twist)

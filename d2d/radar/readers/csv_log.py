@@ -5,13 +5,13 @@ import io
 import itertools
 import os
 import warnings
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from d2d._checks import FINITE, NOT_NEGATIVE, check_choice, check_path, check_positive_scalar
+from d2d._checks import NOT_NEGATIVE, check_choice, check_path, check_positive_scalar
 from d2d._types import Array
 from d2d.radar.files import atomic_write
 from d2d.radar.readers.reader import (
@@ -23,24 +23,14 @@ from d2d.radar.readers.reader import (
     options_of,
 )
 from d2d.radar.readers.shared import brief
-from d2d.radar.readers.table import (
-    TARGET,
-    Table,
-    read_table,
-    scan_of,
-    usual_sigmas,
-    valid,
-    warn_of_left_out,
-)
+from d2d.radar.readers.table import TARGET, Table, read_table
+from d2d.radar.readers.targets import scan_of, select, valid
 from d2d.radar.scans.budget import ErrorBudget
 from d2d.radar.scans.scan import ANGLES, MEASURED, SIGMAS, UPWARDS, RadarScan
 
-Rows = NDArray[np.intp]
-
 _STEP_BACK = 1.0  # s
-_POLAR, _CARTESIAN = ("range", "azimuth"), ("x", "y")
-_TIME_UNITS = ("s", "ms", "us", "ns")
-_QUANTITIES = ("time", *TARGET, "sensor", "frame")
+_TEXTS, _CARTESIAN = ("sensor", "frame"), ("x", "y")
+_QUANTITIES = ("time", *TARGET, *_TEXTS)
 
 
 def load_csv(
@@ -58,16 +48,12 @@ def load_csv(
 ) -> dict[str, list[RadarScan]]:
     """Read the scans of one or several sensors from a table with a line for each target.
 
-    The first line names the columns, in any order:
-
-    - ``time`` (s, or a date and time in ISO 8601), the same for all targets of a scan,
-    - ``range`` (m), ``azimuth`` (rad, counter-clockwise from the boresight) and, if the radar
-      measures it, ``elevation`` (rad, upwards); or ``x`` along the boresight, ``y`` to the left and
-      ``z`` upwards (m) instead,
-    - ``doppler`` (m/s, positive for targets that move away: ahead of a moving car it is negative),
-    - standard deviations ``sigma_range``, ``sigma_azimuth``, ``sigma_doppler`` and
-      ``sigma_elevation`` in the same units, and an ``snr``,
-    - ``sensor``, a name or number; without it, there is one sensor called "radar".
+    The first line names the columns, in any order: ``time`` (s, or a date and time in ISO 8601);
+    ``range`` (m), ``azimuth`` (rad, counter-clockwise from the boresight) and perhaps ``elevation``
+    (rad, upwards), or else ``x`` along the boresight, ``y`` to the left and ``z`` upwards (m);
+    ``doppler`` (m/s, positive for targets that move away: ahead of a moving car it is negative);
+    ``sigma_range``, ``sigma_azimuth``, ``sigma_doppler`` and ``sigma_elevation`` in the same units;
+    an ``snr``; and ``sensor``, a name or number, without which there is one called "radar".
 
     Other usual names, and a unit at the end of a name (``time_ns``, ``azimuth_deg``), are
     recognised, other columns ignored.  Lines with equal time and sensor form a scan; so do lines
@@ -75,13 +61,13 @@ def load_csv(
     with the same value in a column ``frame``.  Where the time steps back by more than a second, a
     new segment begins, and none of its scans is merged with one before.
 
-    Returns a dict with the scans of each sensor by its name.  The file is text as
-    `d2d.radar.readers.table` says, perhaps compressed by gzip, or Parquet.  Raises a ``ValueError``
-    if a column is missing, and one with its number if a line is wrong.
+    Returns a dict with the scans of each sensor by its name.  Raises a ``ValueError`` if a column
+    is missing, and one with its number if a line is wrong.
 
     Parameters
     ----------
     path : path
+        Text as `d2d.radar.readers.table` says, perhaps compressed by gzip, or Parquet.
     columns : mapping of str to str, optional
         The names of columns by what they hold, with a minus sign if the sign is the other:
         ``{"azimuth": "-track_angle_rad"}``.
@@ -90,13 +76,12 @@ def load_csv(
         Units of times and angles, where a column's name does not say them.
     scan_gap : float, s
     skip_invalid : bool
-        Whether lines are left out, with a warning that counts them, if a number is missing, nan or
-        infinite, a range is not positive, or words are missing.
+        Whether lines without a target (a number missing or not finite, no range) are left out, with
+        a warning that counts them.
     min_snr : float, optional
         Targets with a smaller value in the column ``snr`` are left out.
     sigma_range, sigma_azimuth, sigma_doppler : float, m, rad, m/s
-        Of all targets, instead of the columns.  Where there is none, usual values are taken, with a
-        warning.
+        Of all targets, instead of the columns; by default usual values, with a warning.
     """
     source, named = check_path("path", path), dict(columns or {})
     given = dict(zip(SIGMAS, (sigma_range, sigma_azimuth, sigma_doppler), strict=True))
@@ -108,63 +93,45 @@ def load_csv(
             raise ValueError(f"columns must name the column of {name}, as in {name}=COLUMN")
     stated = dict.fromkeys(ANGLES, "deg") if degrees else {}
     if time_unit is not None:
-        check_choice("time_unit", time_unit, _TIME_UNITS)
+        check_choice("time_unit", time_unit, ("s", "ms", "us", "ns"))
         stated["time"] = time_unit
     table = read_table(
         source,
+        [("time", *place, "doppler", *named) for place in (MEASURED[:2], _CARTESIAN)],
         [name for name in _QUANTITIES if name not in sigmas],
-        lambda there: _lacking(there, named),
         named=named,
         stated=stated,
         torn=skip_invalid,
     )
-    unused = {"snr"} if min_snr is None else set()
-    if table.columns.keys() >= {*_POLAR}:
+    unused = {*_TEXTS, *(() if min_snr is not None else ("snr",))}
+    if table.columns.keys() >= {*MEASURED[:2]}:
         unused |= {*_CARTESIAN}
-    for name in unused & table.columns.keys():
-        del table.columns[name]
-    values = table.numbers(invalid=skip_invalid)
-    used = valid(values) if skip_invalid else np.ones(len(table.lines), dtype=np.bool_)
-    warn_of_left_out(source, int((~used).sum()), len(used), "lines")
+    read = [name for name in table.columns if name not in unused]
+    values = table.numbers(read, invalid=skip_invalid)
+    kept = valid(values) | (not skip_invalid)
     try:
-        table.check(values, used)
+        table.check(values, kept)
     except ValueError as error:
         hint = "; skip_invalid (--skip-invalid) leaves out lines without a target"
         raise ValueError(f"{error}{'' if skip_invalid or valid(values).all() else hint}") from None
-    if min_snr is not None:
-        if "snr" not in values:
-            raise ValueError(f"{source} has no column snr, which min_snr needs")
-        used &= values.pop("snr") >= FINITE.number("min_snr", min_snr)
+    values, used = select(str(source), "lines", values, kept, sigmas, min_snr)
     if not used.any():
         raise ValueError(f"{source} has no line with a target")
-    sigmas |= usual_sigmas(source, values.keys() | sigmas.keys(), values["doppler"][used])
-    values |= {name: np.full(len(used), sigma) for name, sigma in sigmas.items()}
-    sensors = _by_sensor(table, np.flatnonzero(used))
-    return {name: _scans(table, values, own, gap) for name, own in sensors.items()}
+    rows, sensors = np.flatnonzero(used), np.full(len(used), "radar")
+    if "sensor" in table.words:
+        sensors = np.char.strip(np.array(table.words["sensor"]))
+        for row in rows[sensors[rows] == ""][:1]:
+            where = table.where(row)
+            raise ValueError(f"{where}: sensor must be a name or a number, but is empty")
+    return {
+        name: _scans(table, values, rows[sensors[rows] == name], gap)
+        for name in dict.fromkeys(sensors[rows].tolist())
+    }
 
 
-def _lacking(there: Collection[str], named: Mapping[str, str]) -> str:
-    """The columns that a first line lacks, as the user knows them."""
-    has = set(there)
-    place = _CARTESIAN if has.issuperset(_CARTESIAN) and not has.issuperset(_POLAR) else _POLAR
-    needed = dict.fromkeys(("time", *place, "doppler", *named))
-    return "" if has >= needed.keys() else ", ".join(named.get(name, name) for name in needed)
-
-
-def _by_sensor(table: Table, rows: Rows) -> dict[str, Rows]:
-    """The rows of each sensor, by its name."""
-    if "sensor" not in table.words:
-        return {"radar": rows}
-    names = np.char.strip(np.array(table.words["sensor"])[rows])
-    empty = rows[names == ""]
-    if len(empty):
-        raise ValueError(
-            f"{table.where(empty[0])}: sensor must be a name or a number, but is empty"
-        )
-    return {name: rows[names == name] for name in dict.fromkeys(names.tolist())}
-
-
-def _scans(table: Table, values: Mapping[str, Array], rows: Rows, gap: float) -> list[RadarScan]:
+def _scans(
+    table: Table, values: Mapping[str, Array], rows: NDArray[np.intp], gap: float
+) -> list[RadarScan]:
     """The scans of a sensor's rows, in time order within each segment of the clock."""
     times = values["time"][rows]
     segment = np.cumsum(np.diff(times, prepend=times[0]) < -_STEP_BACK)
@@ -223,21 +190,17 @@ def write_csv(path: str | os.PathLike[str], sensors: Mapping[str, Iterable[Radar
         file.write(text.getvalue().encode())
 
 
-# ---- The entry of READERS
-
-
 def _read(paths: list[str], chosen: Mapping[str, Any]) -> Source:
     """The sensors of logs that have a mounting; files of one sensor follow each other."""
     mountings = mountings_of(chosen)
     scans: dict[str, list[RadarScan]] = {}
-    names = ("time_unit", "degrees", "scan_gap", "skip_invalid", "min_snr")
+    given = options_of(chosen, "time_unit", "degrees", "scan_gap", "skip_invalid", "min_snr")
     pairs = [pair.partition("=") for pair in (chosen["columns"] or "").split(",") if pair]
-    given = {"columns": {n: c for n, _, c in pairs}, **options_of(chosen, *names)}
     for source in paths:
         name, equals, path = source.partition("=")
         if not equals or os.path.exists(source):  # without a name
             name, path = "", source
-        read = load_csv(path, **given)
+        read = load_csv(path, columns={n: column for n, _, column in pairs}, **given)
         if name and len(read) > 1:
             raise ValueError(f"--csv {source}: the file has several sensors, {', '.join(read)}")
         for sensor, own in read.items():

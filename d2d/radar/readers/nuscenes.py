@@ -1,7 +1,4 @@
-"""Reader of the radars of the nuScenes data set (Caesar et al. 2020) in its official layout.
-
-The data set is licensed CC BY-NC-SA 4.0 and is not part of this package.
-"""
+"""Reader of the radars of nuScenes (Caesar et al. 2020; CC BY-NC-SA 4.0) in its own layout."""
 
 import os
 import re
@@ -12,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from d2d._checks import SECONDS, check_path, check_positive_scalar
 from d2d._types import Array
@@ -40,7 +36,8 @@ _UNAMBIGUOUS = 3
 _FIELDS = ("x", "y", "vx", "vy", "rcs", "invalid_state", "ambig_state")
 # Of a PCD file: a text header of lines "KEY value ...", which DATA ends, then the rows.
 _END = re.compile(rb"^DATA[ \t]+(\w+)[ \t]*\r?\n", re.MULTILINE)
-_NUMBERS = {"translation": 3, "rotation": 4}  # how many an entry of a table has
+# How many numbers an entry of a table has.
+_NUMBERS = {"translation": 3, "rotation": 4, "pos": 3, "orientation": 4, "vel": 3}
 
 # Fitted to the errors of all five radars together in scenes 0061 and 0103, by maximum likelihood,
 # baseline 2, and then widened by a factor of 1.6: two scenes are two draws of what differs from
@@ -95,12 +92,11 @@ def load_nuscenes(
 ) -> Recording:
     """Read one radar's scans of one scene, such as "scene-0061" and "RADAR_FRONT".
 
-    The recording has the budget `NUSCENES_BUDGET`.  The origin is the middle of the rear axle.
-    Targets are kept if the radar calls them valid and their velocity unambiguous, if position and
-    velocity are finite, and within 10 km; the velocity is projected onto the line of sight.  The
-    reference's v_y and omega are the derivatives of the poses on the CAN bus, or else of those in
-    ``ego_pose.json``.  The defaults fit scenes 0061 and 0103: clocks and speed by the Doppler
-    velocities of the five radars, standard deviations by the residuals of single targets.
+    The recording has the budget `NUSCENES_BUDGET`, and its origin is the middle of the rear axle.
+    Targets are kept if the radar calls them valid and their velocity unambiguous; the velocity is
+    projected onto the line of sight.  The reference's v_y and omega are the derivatives of the
+    poses on the CAN bus, or else of those in ``ego_pose.json``.  The defaults are explained under
+    "What the readers of data sets correct".
 
     Raises a ``FileNotFoundError`` that says which file or folder is missing, or a ``ValueError`` if
     a file is not one of nuScenes, the tables have no such scene or channel, or an option is out of
@@ -113,21 +109,17 @@ def load_nuscenes(
     version : str
         Name of the folder with the tables, needed only if there are several.
     time_offset : float, s
-        Delay of the radar's time stamps: a scan at t shows the motion of the poses at t -
-        time_offset.
+        Delay of the radar's time stamps: a scan at t shows the motion at t - time_offset.
     speed_factor : float or None
-        The speed on the CAN bus, which is too low and 0.1 s later than the poses, times this factor
-        is taken as the speed of the front axle, and v_x as that of the rear axle.  With None, or
-        without a CAN bus, v_x is the derivative of the poses too.
+        On the speed of the CAN bus.  With None, or without a CAN bus, v_x is the derivative of the
+        poses too.
     prediction_time : float, s
-        In a turn the radar reports the velocity of a static target at range r as larger by omega^2
-        r times this, as if it extrapolated it along a line over half of its cycle of 75 ms.  The
-        excess is removed with the yaw rate of the reference.
+        In a turn, omega^2 r times this is taken from the Doppler velocities, with the reference's
+        yaw rate.
     stated_mounting : bool
         Whether the mounting angle is the one that the tables state, without `MOUNTING_ERRORS`.
     strongest, **errors
-        As for `load_radarscenes`.  The rounding of positions to 0.2 m and of velocities to 0.25 m/s
-        is added (the data sheet's codes in the files are several times the residuals).
+        As for `load_radarscenes`.  The rounding of positions and velocities is added.
     """
     shared.OFFSET.number("time_offset", time_offset)
     errors = {"sigma_azimuth": azimuth_sigma} | errors
@@ -137,22 +129,21 @@ def load_nuscenes(
     folder = check_path("root", root)
     tables = _tables(folder, version)
     files, mounting, tokens = _drive(tables, scene, channel)
-    motion = _motion(folder, tables, scene, tokens)
     times = np.array([time for time, _ in files])
-    reference = _reference(motion, times, time_offset, speed_factor)
-
+    moved = _reference(folder, tables, scene, tokens, times - time_offset, speed_factor)
+    reference = Reference(times, moved.theta, moved.poses)
     excesses = prediction_time * _filled(reference.theta[:, 2]) ** 2
     scans = []
     for (time, file), excess in zip(files, excesses, strict=True):
         path = existing(folder, file, f"a scan of {channel}")
-        scans.append(_scan(time, _point_cloud(path, _FIELDS), excess, strongest, errors))
+        scans.append(_scan(time, _point_cloud(path), excess, strongest, errors))
     mounting = mounting if stated_mounting else _corrected(mounting, channel)
     return Recording(scans, mounting, reference, NUSCENES_BUDGET)
 
 
 def _scan(
     time: float,
-    targets: dict[str, NDArray[Any]],
+    columns: dict[str, Array],
     excess: float,
     strongest: int | None,
     errors: Mapping[str, Any],
@@ -161,7 +152,6 @@ def _scan(
 
     An empty scan holds a target that is not a number.
     """
-    columns = {name: column.astype(np.float64) for name, column in targets.items()}
     good = np.isin(columns["invalid_state"], _VALID) & (columns["ambig_state"] == _UNAMBIGUOUS)
     good &= BOUNDS["range"].hold(np.hypot(columns["x"], columns["y"]))
     good &= np.isfinite([columns[name] for name in ("vx", "vy", "rcs")]).all(axis=0)
@@ -172,84 +162,62 @@ def _scan(
     return RadarScan.from_cartesian(time, x, y, doppler=doppler, grid=GRID, step=STEP, **sigmas)
 
 
-def _point_cloud(path: Path, fields: tuple[str, ...]) -> dict[str, NDArray[Any]]:
+def _point_cloud(path: Path) -> dict[str, Array]:
     """Columns of a binary file in the PCD format of the Point Cloud Library, by name."""
     with reading(path, "a binary PCD file of a radar"):
-        rows = _records(bytes_of(path))
-        missing = [field for field in fields if field not in (rows.dtype.names or ())]
+        content = bytes_of(path)
+        end = _END.search(content)
+        if end is None:
+            raise ValueError("its header has no line DATA")
+        if end[1] != b"binary":
+            raise ValueError(f"its data are {end[1].decode()}, and only binary is read")
+        lines = map(str.split, content[: end.start()].decode("ascii").splitlines())
+        header = {key: values for key, *values in filter(None, lines)}
+        if any(count != "1" for count in header.get("COUNT", [])):
+            raise ValueError("it has a field of several values")
+        columns = zip(header["FIELDS"], header["TYPE"], header["SIZE"], strict=True)
+        layout = np.dtype([(name, f"<{kind.lower()}{size}") for name, kind, size in columns])
+        count, held = int(header["POINTS"][0]), len(content) - end.end()
+        if not 0 <= count * layout.itemsize <= held:
+            raise ValueError(
+                f"its header announces {count} points of {layout.itemsize} bytes, but {held} bytes "
+                "follow"
+            )
+        rows = np.frombuffer(content, layout, count, end.end())
+        missing = [field for field in _FIELDS if field not in header["FIELDS"]]
         if missing:
             raise ValueError(f"it has no field {missing[0]!r}")
-        return {field: np.ascontiguousarray(rows[field]) for field in fields}
-
-
-def _records(content: bytes) -> NDArray[Any]:
-    end = _END.search(content)
-    if end is None:
-        raise ValueError("its header has no line DATA")
-    if end[1] != b"binary":
-        raise ValueError(f"its data are {end[1].decode()}, and only binary is read")
-    header = {}
-    for line in content[: end.start()].decode("ascii").splitlines():
-        key, *values = line.split() or [""]
-        header[key] = values
-    if any(count != "1" for count in header.get("COUNT", [])):
-        raise ValueError("it has a field of several values")
-    columns = zip(header["FIELDS"], header["TYPE"], header["SIZE"], strict=True)
-    layout = np.dtype([(name, f"<{kind.lower()}{size}") for name, kind, size in columns])
-    if not header["POINTS"][0].isdigit():
-        raise ValueError(f"its header announces {header['POINTS'][0]} points")
-    count, held = int(header["POINTS"][0]), len(content) - end.end()
-    if held < count * layout.itemsize:
-        raise ValueError(
-            f"its header announces {count} points of {layout.itemsize} bytes, but {held} bytes "
-            "follow"
-        )
-    return np.frombuffer(content, layout, count, end.end())
+        return {field: rows[field].astype(np.float64) for field in _FIELDS}
 
 
 # ---- The vehicle's motion
 
 
-def _motion(root: Path, tables: Path, scene: str, tokens: set[str]) -> Array:
-    """Times (s), poses [x, y, yaw] and speed (n, 5) on the CAN bus, or else of the ego poses.
-
-    The speed is nan without a CAN bus.
-    """
+def _reference(
+    root: Path, tables: Path, scene: str, tokens: set[str], times: Array, factor: float | None
+) -> Reference:
+    """The derivatives of the poses at some times, and v_x of the speed on the CAN bus."""
     path = root / "can_bus" / f"{scene}_pose.json"
-    keys = "utime", "pos", "orientation", "vel"
-    if not path.exists():
+    on_bus = path.exists()
+    keys = ["utime", "pos", "orientation", "vel"]
+    if not on_bus:
         path = existing(tables, "ego_pose.json", "the table 'ego_pose' of nuScenes")
-        keys = "timestamp", "translation", "rotation", ""
+        keys = ["timestamp", "translation", "rotation"]
     with reading(path, "a file of the vehicle's poses"):
-        found = [
-            (
-                shared.whole_number(keys[0], row[keys[0]]) * MICROSECOND,
-                *real_numbers(keys[1], row[keys[1]], 3)[:2],
-                *real_numbers(keys[2], row[keys[2]], 4),
-                real_numbers(keys[3], row[keys[3]], 3)[0] if keys[3] else np.nan,
-            )
-            for row in shared.content_of(path)
-            if keys[3] or row["token"] in tokens
-        ]
-        if not found:
+        rows = [row for row in shared.content_of(path) if on_bus or row["token"] in tokens]
+        if not rows:
             raise ValueError("it has none of this scene")
-        columns = np.array(found)
-        columns = columns[np.unique(columns[:, 0], return_index=True)[1]]  # some at one time
-        return np.column_stack([columns[:, :3], yaw_of(*columns[:, 3:7].T), columns[:, 7]])
-
-
-def _reference(motion: Array, times: Array, offset: float, speed_factor: float | None) -> Reference:
-    """The derivatives of the poses at the times less the offset, and v_x of the speed."""
-    stamps, speeds = motion[:, 0], motion[:, 4]
-    moved = Reference.from_poses(stamps, motion[:, 1:4], times - offset)
-    theta = moved.theta
-    if speed_factor is not None and np.isfinite(speeds).all():
-        late = times - offset + _SPEED_DELAY
-        on_bus = np.interp(late, stamps, speeds, left=np.nan, right=np.nan)
-        speed = speed_factor * on_bus  # of the front axle
-        square = speed**2 - (_WHEELBASE * theta[:, 2]) ** 2
-        theta[:, 0] = np.sign(speed) * np.sqrt(np.maximum(square, 0.0))
-    return Reference(times, theta, moved.poses)
+        columns = zip(*([_value(key, row[key]) for key in keys] for row in rows), strict=True)
+        stamps, place, turn, *speed = map(np.array, columns)
+        stamps, first = np.unique(stamps * MICROSECOND, return_index=True)  # some at one time
+        poses = np.column_stack([place[first, :2], yaw_of(*turn[first].T)])
+    moved = Reference.from_poses(stamps, poses, times)
+    if factor is not None and on_bus:
+        late, along = times + _SPEED_DELAY, speed[0][first, 0]
+        front = factor * np.interp(late, stamps, along, left=np.nan, right=np.nan)
+        square = front**2 - (_WHEELBASE * moved.theta[:, 2]) ** 2
+        moved.theta[:, 0] = np.sign(front) * np.sqrt(np.maximum(square, 0.0))
+    return moved
 
 
 def _filled(values: Array) -> Array:
@@ -292,7 +260,7 @@ def _value(key: str, value: Any) -> Any:
     """An entry of a table: a text, a time in us, or numbers."""
     if key in _NUMBERS:
         return real_numbers(key, value, _NUMBERS[key])
-    if key == "timestamp":
+    if key in ("timestamp", "utime"):
         return shared.whole_number(key, value)
     if not isinstance(value, str):
         raise ValueError(f"{key} must be a text, but is {brief(repr(value))}")

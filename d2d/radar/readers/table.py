@@ -5,21 +5,18 @@ import gzip
 import io
 import math
 import re
-import warnings
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from d2d._checks import FINITE, Bounds
+from d2d._checks import FINITE
 from d2d._types import Array
 from d2d.radar.readers.shared import brief, bytes_of, reading
-from d2d.radar.scans.scan import ANGLES, BOUNDS, MEASURED, RadarScan
-
-Mask = NDArray[np.bool_]
+from d2d.radar.scans.scan import ANGLES, BOUNDS
 
 _COMPRESSION = 200  # times the size of a gzip file that its text may have; logs have some 10
 _TIMES = {"ns": 1e-9, "us": 1e-6, "ms": 1e-3, "s": 1.0, "sec": 1.0, "nsec": 1e-9}
@@ -27,37 +24,35 @@ _LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "km": 1e3}
 _SPEEDS = {"m_per_s": 1.0, "mps": 1.0, "m_s": 1.0, "kmh": 1 / 3.6, "km_h": 1 / 3.6}
 _ANGLES = {"rad": 1.0, "deg": math.pi / 180.0}
 _RATES = {f"{name}{end}": one for name, one in _ANGLES.items() for end in ("_per_s", "_s", "ps")}
-# What a column may hold: its units in terms of the scan's own, and the names that are recognised.
-QUANTITIES: dict[str, tuple[Mapping[str, float], str]] = {
-    "time": (_TIMES, "time timestamp stamp t datetime"),
+_VELOCITIES = "doppler_velocity v_doppler range_rate radial_velocity radial_speed v_r vr velocity"
+# What a column of a target may hold: its units in terms of the scan's own, and its usual names.
+TARGET: dict[str, tuple[Mapping[str, float], str]] = {
     "range": (_LENGTHS, "range distance dist r rho"),
     "azimuth": (_ANGLES, "azimuth az angle phi"),
     "elevation": (_ANGLES, "elevation el"),
     "x": (_LENGTHS, "x pos_x"),
     "y": (_LENGTHS, "y pos_y"),
     "z": (_LENGTHS, "z pos_z"),
-    "doppler": (
-        _SPEEDS,
-        "doppler doppler_velocity v_doppler range_rate radial_velocity radial_speed v_r vr "
-        "velocity",
-    ),
+    "doppler": (_SPEEDS, f"doppler {_VELOCITIES}"),
     "sigma_range": (_LENGTHS, "sigma_range"),
     "sigma_azimuth": (_ANGLES, "sigma_azimuth"),
     "sigma_doppler": (_SPEEDS, "sigma_doppler"),
     "sigma_elevation": (_ANGLES, "sigma_elevation"),
     "snr": ({}, "snr snr_db intensity amplitude power rcs"),
+}
+QUANTITIES = TARGET | {
+    "time": (_TIMES, "time timestamp stamp t datetime"),
     "sensor": ({}, "sensor sensor_id"),
     "frame": ({}, ""),
     "speed": (_SPEEDS, "speed velocity v"),
     "yaw_rate": (_RATES | _ANGLES, "yaw_rate yawrate omega gyro_z"),
 }
-_TEXTS = ("sensor", "frame")
-TARGET = tuple(name for name in QUANTITIES if name not in ("time", *_TEXTS, "speed", "yaw_rate"))
+_HINT = "; are these degrees (degrees=True, on the command line --degrees)?"
 _FASTEST = FINITE._replace(
     most=2.0 * np.pi, unit="in rad/s, ", hint="; are these deg/s (column yaw_rate_deg)?"
 )
-# Between those that RadarScenes, nuScenes and the thesis's radar have.
-_USUAL = {"sigma_range": 0.15, "sigma_azimuth": math.radians(0.5), "sigma_doppler": 0.06}
+_BOUNDS = BOUNDS | {name: BOUNDS[name]._replace(hint=_HINT) for name in ANGLES}
+_BOUNDS |= {"yaw_rate": _FASTEST}
 
 
 class Column(NamedTuple):
@@ -80,47 +75,40 @@ class Table(NamedTuple):
         """The file and the line of a row, for messages."""
         return f"{self.source}, line {self.lines[row]}"
 
-    def numbers(self, *, invalid: bool = False) -> dict[str, Array]:
-        """The columns of numbers, in the units of `RadarScan`; times may be dates.
+    def numbers(self, names: Iterable[str], *, invalid: bool = False) -> dict[str, Array]:
+        """Some columns, in the units of `RadarScan`; times may be dates.
 
-        A word that is not one raises a ValueError with its line, or is nan with ``invalid``.
+        A word that is no number raises a ValueError with its line, or is nan with ``invalid``.
         """
-        return {name: self._numbers(name, invalid) for name in self.columns if name not in _TEXTS}
+        found = {}
+        for name in names:
+            words, factor = self.words[name], self.columns[name].factor
+            dates = name == "time" and ":" in next(filter(None, words), "")
+            convert = _seconds if dates else _float
+            values = np.full(len(words), np.nan)
+            for row, word in enumerate(words):
+                try:
+                    values[row] = convert(word)
+                except ValueError:
+                    if not invalid:
+                        number(f"{self.where(row)}: {name}", word, convert)
+            found[name] = values if dates else values * factor
+        return found
 
-    def _numbers(self, name: str, invalid: bool) -> Array:
-        words, factor = self.words[name], self.columns[name].factor
-        dates = name == "time" and ":" in next(filter(None, words), "")
-        convert = seconds_of if dates else float_of
-        values = np.empty(len(words))
-        for row, word in enumerate(words):
-            try:
-                values[row] = convert(word)
-            except ValueError:
-                if not invalid:
-                    number(f"{self.where(row)}: {name}", word, convert)
-                values[row] = np.nan
-        return values if dates else values * factor
-
-    def check(self, columns: Mapping[str, Array], used: Mask | bool = True) -> None:
+    def check(self, columns: Mapping[str, Array], used: NDArray[np.bool_] | bool = True) -> None:
         """Raise a ValueError that names the first line with a number that is out of bounds."""
         wrong = {
             int(np.argmax(bad)): name
             for name, column in columns.items()
-            if (bad := used & ~_bounds(name).hold(column)).any()
+            if (bad := used & ~_BOUNDS.get(name, FINITE).hold(column)).any()
         }
         if wrong:
             row, name = min(wrong.items())
-            bounds, value = _bounds(name), float(columns[name][row])
+            bounds, value = _BOUNDS.get(name, FINITE), float(columns[name][row])
             if name in ANGLES and self.columns[name].unit == "deg":
                 value, most = math.degrees(value), math.degrees(bounds.most)
                 bounds = bounds._replace(most=most, unit="in degrees, ", hint="")
             bounds.number(f"{self.where(row)}: {name}", value)
-
-
-def _bounds(name: str) -> Bounds:
-    bounds = _FASTEST if name == "yaw_rate" else BOUNDS.get(name, FINITE)
-    hint = "; are these degrees (degrees=True, on the command line --degrees)?"
-    return bounds._replace(hint=hint) if name in ANGLES else bounds
 
 
 def recognised(
@@ -143,8 +131,8 @@ def recognised(
 
 def read_table(
     source: Path,
+    needed: Sequence[Collection[str]],
     quantities: Iterable[str],
-    lacking: Callable[[Collection[str]], str],
     *,
     named: Mapping[str, str] = {},
     stated: Mapping[str, str] = {},
@@ -154,55 +142,51 @@ def read_table(
 
     Columns are separated by a comma, a semicolon or a tab, and numbers may have a decimal comma.
     Lines that are empty or begin with # are skipped.  Names and units of columns may be ``named``
-    and ``stated``, by quantity; ``lacking`` says what is missing beside those that are there.
-    Raises a ValueError if something is, and one with its number if a line has another number of
-    words, unless ``torn`` lines are to be lines without a word.
+    and ``stated``, by quantity.  Raises a ValueError unless all columns of one of the sets of
+    ``needed`` ones are there, and one with its number if a line has another number of words, unless
+    ``torn`` lines are to be lines without a word.
     """
-    wanted = [(name, named.get(name, ""), stated.get(name, "")) for name in quantities]
     file = io.StringIO(decoded(source), newline="")
-    for count, line in enumerate(iter(file.readline, ""), start=1):
-        separator = max(",;\t", key=line.count)
+    for first, line in enumerate(iter(file.readline, ""), start=1):
+        separator, where = max(",;\t", key=line.count), f"{source}, line {first}"
         names = [_plain(word.strip().strip('"')) for word in line.lstrip("# ").split(separator)]
-        found = {name: recognised(name, names, *how) for name, *how in wanted}
+        found = {
+            name: recognised(name, names, named.get(name, ""), stated.get(name, ""))
+            for name in quantities
+        }
         columns = {name: column for name, column in found.items() if column is not None}
-        missing, where = lacking(columns), f"{source}, line {count}"
-        if missing and line.strip() and not line.startswith("#"):
+        if any(columns.keys() >= {*each} for each in needed):
+            break
+        if line.strip() and not line.startswith("#"):
+            sets = (", ".join(named.get(n, n) for n in dict.fromkeys(each)) for each in needed)
             raise ValueError(
-                f"{where}: the first line must name the columns {missing}, but names "
+                f"{where}: the first line must name the columns {' or '.join(sets)}, but names "
                 f"{brief(', '.join(map(repr, names)))}"
             )
-        if not missing:
-            for quantity, (name, _, unit) in columns.items():
-                if names.count(name) > 1:
-                    raise ValueError(f"{where}: the column {name!r} is named twice")
-                if unit != (said := stated.get(quantity, unit)):
-                    raise ValueError(f"{where}: {name} is in {unit}, but is said to be in {said}")
-            reader = csv.reader(file, delimiter=separator, strict=True)
-            rows, lines = _rows(source, count, reader, len(names), torn)
-            each = [*zip(*rows, strict=True)] if rows else [()] * len(names)
-            words = {name: each[names.index(column.name)] for name, column in columns.items()}
-            return Table(source, columns, words, np.array(lines, dtype=np.int64))
-    raise ValueError(f"{source} is empty: its first line must name the columns")
-
-
-def _rows(
-    source: Path, first: int, reader: Any, width: int, torn: bool
-) -> tuple[list[list[str]], list[int]]:
-    """The rows below the first line, and the numbers of their lines; torn ones have no words."""
-    rows, lines = [], []
+    else:
+        raise ValueError(f"{source} is empty: its first line must name the columns")
+    for quantity, (name, _, unit) in columns.items():
+        if names.count(name) > 1:
+            raise ValueError(f"{where}: the column {name!r} is named twice")
+        if unit != (said := stated.get(quantity, unit)):
+            raise ValueError(f"{where}: {name} is in {unit}, but is said to be in {said}")
+    rows, lines, width = [], [], len(names)
+    reader = csv.reader(file, delimiter=separator, strict=True)
     try:
         for row in reader:
-            if not any(row) or row[0][:1] == "#":
+            if not any(row) or row[0].startswith("#"):
                 continue
             if len(row) != width and not torn:
                 raise ValueError(
                     f"there must be {width} values as in the first line, but are {len(row)}"
                 )
-            lines.append(first + reader.line_num)
             rows.append(row if len(row) == width else [""] * width)
+            lines.append(first + reader.line_num)
     except (csv.Error, ValueError) as error:
         raise ValueError(f"{source}, line {first + reader.line_num}: {error}") from None
-    return rows, lines
+    each = [*zip(*rows, strict=True)] or [()] * width
+    words = {quantity: each[names.index(column.name)] for quantity, column in columns.items()}
+    return Table(source, columns, words, np.array(lines, dtype=np.int64))
 
 
 def decoded(path: Path) -> str:
@@ -231,77 +215,20 @@ def decoded(path: Path) -> str:
         return raw.decode("latin-1")  # so that names that differ stay different
 
 
-def float_of(word: str) -> float:
+def _float(word: str) -> float:
     """The number that a word is, also one with a decimal comma."""
     if "_" in word or not word.isascii():  # a typing error, but a number to Python
         raise ValueError
     return float(word.replace(",", ".") if "," in word else word)
 
 
-def seconds_of(word: str) -> float:
+def _seconds(word: str) -> float:
     """Seconds since 1970 of a date and time in ISO 8601, in UTC unless it says otherwise."""
     moment = datetime.fromisoformat(word.strip())
     return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
 
 
-def valid(columns: Mapping[str, Array]) -> Mask:
-    """Mask of the targets that have all numbers, and a place that is not the sensor's."""
-    away = (
-        columns["range"] > 0.0 if "range" in columns else (columns["x"] != 0) | (columns["y"] != 0)
-    )
-    return np.asarray(away & np.isfinite(np.stack([*columns.values()])).all(axis=0))
-
-
-def warn_of_left_out(where: object, left_out: int, count: int, what: str) -> None:
-    """Warn if targets are left out that are not `valid`."""
-    if left_out:
-        warnings.warn(
-            f"{where}: {left_out} of {count} {what} are left out, because a number is missing or "
-            "not finite, or the range is not positive",
-            stacklevel=3,
-        )
-
-
-def usual_sigmas(
-    where: object, known: Collection[str], doppler: Array | tuple[()] = ()
-) -> dict[str, float]:
-    """Standard deviations that stand in for those that are not known, with a warning if any do.
-
-    It also tells of Doppler velocities that are rounded to steps for which its own is too small.
-    """
-    taken = sorted(_USUAL.keys() - known)
-    distinct = np.unique(np.round(doppler, 6))
-    step = np.diff(distinct).min() if 1 < len(distinct) < len(doppler) / 10 else 0.0
-    sigma = step / math.sqrt(12.0)
-    rounded = (
-        f"; Doppler velocities come in steps of {step:.3g} m/s, so that --sigma-doppler must be at "
-        f"least {sigma:.2g}"
-    )
-    if taken:
-        warnings.warn(
-            f"{where} has no {', '.join(taken)}: usual values are taken out of 0.15 m, 0.5 deg, "
-            "0.06 m/s; --sigma-range, --sigma-azimuth and --sigma-doppler state those of your "
-            "radar, on which the covariances rest"
-            f"{rounded if 'sigma_doppler' in taken and sigma > _USUAL['sigma_doppler'] else ''}",
-            stacklevel=2,
-        )
-    return {name: _USUAL[name] for name in taken}
-
-
-def scan_of(time: float, columns: Mapping[str, Any]) -> RadarScan:
-    """The scan of targets that have range and azimuth, or else x and y, and perhaps a height."""
-    errors: dict[str, Any] = {n: c for n, c in columns.items() if n.startswith("sigma_")}
-    if not {"range", "azimuth"} <= columns.keys():
-        place = columns["x"], columns["y"], columns.get("z")
-        return RadarScan.from_cartesian(time, *place, doppler=columns["doppler"], **errors)
-    elevation = columns.get("elevation")
-    if elevation is None and "z" in columns:
-        elevation = np.arcsin(np.clip(columns["z"] / columns["range"], -1.0, 1.0))
-    measured = (columns[name] for name in MEASURED)
-    return RadarScan(time, *measured, **errors, elevation=elevation)
-
-
-def number(name: str, text: str, convert: Callable[[str], float] = float_of) -> float:
+def number(name: str, text: str, convert: Callable[[str], float] = _float) -> float:
     """The number that a text is; a ValueError names what it should be."""
     try:
         return convert(text)

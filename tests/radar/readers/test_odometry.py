@@ -59,8 +59,8 @@ def test_what_is_neither_is_named(tmp_path):
     pose = "0 1 2 0 0 0 0 1\n"
     for text, said in (
         ("", "is empty"),
-        ("time,range\n0,1\n", "must name the columns time, speed or yaw_rate"),
-        ("speed,yaw_rate\n0,1\n", "must name the columns time, speed or yaw_rate"),
+        ("time,range\n0,1\n", "must name the columns time, speed or time, yaw_rate"),
+        ("speed,yaw_rate\n0,1\n", "must name the columns time, speed or time, yaw_rate"),
         ("time,speed,yaw_rate\n0,1,2\n1,x,0\n", "line 3: speed must be a number, but is 'x'"),
         ("time,speed,yaw_rate\n0,1,12\n", "line 2: yaw_rate must be in rad/s, at most"),
         ("time,speed,yaw_rate\n0,1,0\n0,1,0\n", "strictly increasing time"),
