@@ -1,4 +1,4 @@
-"""What readers share: files, whose errors name them, their numbers, and standard deviations."""
+"""Files whose errors name them, numbers in them, and standard deviations of targets."""
 
 import json
 import os
