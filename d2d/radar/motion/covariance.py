@@ -74,11 +74,11 @@ class Influence(NamedTuple):
     """
 
     position: Array  # (K, 3, 2) per m, in the vehicle frame
+    azimuth: Array  # (K, 3) per rad of azimuth, by the position alone
     doppler: Array  # (K, 3) per m/s
     prediction: Array  # (K, 3) per rad of azimuth, by the predicted Doppler velocity alone
     share: Array  # (K,) of the inliers in the density of current targets
     covariances: Array  # (K, 2, 2) of the positions, as the cost has them
-    cross_range: Array  # (K, 2) m per rad of azimuth
     sigma_azimuth: Array  # (K,)
     sigma_doppler: Array  # (K,)
     starts: NDArray[np.int_]  # (2 P,) the first target of each scan
@@ -91,13 +91,15 @@ def influences(problem: Problem, bound: Bound, pairs: Sequence[ScanPair]) -> Inf
     scans += [(pair.current, pair.mounting) for pair in pairs]
     sets = [pair.fixed for pair in problem.pairs] + [pair.moving for pair in problem.pairs]
     none = np.zeros((cross.fixed.shape[1], 3))
+    position = np.concatenate([cross.fixed[0], cross.moving[0]])
+    across = np.concatenate([cross_range(*scan) for scan in scans])
     return Influence(
-        np.concatenate([cross.fixed[0], cross.moving[0]]),
+        position,
+        np.einsum("kij,kj->ki", position, across),
         np.concatenate([none, cross.measured[0]]),
         np.concatenate([none, cross.input[0]]),
         np.concatenate([none[:, 0], cross.share[0]]),
         np.concatenate([points.covariances for points in sets]),
-        np.concatenate([cross_range(*scan) for scan in scans]),
         np.concatenate([scan.sigma_azimuth for scan, _ in scans]),
         np.concatenate([scan.sigma_doppler for scan, _ in scans]),
         np.cumsum([0, *(points.size for points in sets[:-1])]),
@@ -116,10 +118,13 @@ def of_scans(found: Influence, pairs: Sequence[ScanPair]) -> Influence:
         arrays = (value for value in vars(scan).values() if isinstance(value, np.ndarray))
         key = (pair.mounting, scan.time, *(array.tobytes() for array in arrays))
         places.append(firsts.setdefault(key, start) + np.arange(scan.size))
-    position, doppler, prediction = (np.zeros_like(each) for each in found[:3])
-    for total, each in zip((position, doppler, prediction), found[:3], strict=True):
-        np.add.at(total, np.concatenate(places), each)
-    return found._replace(position=position, doppler=doppler, prediction=prediction)
+    which, sums = np.concatenate(places), [np.zeros_like(each) for each in found[:4]]
+    for total, each in zip(sums, found[:4], strict=True):
+        np.add.at(total, which, each)
+    position, azimuth, doppler, prediction = sums
+    return found._replace(
+        position=position, azimuth=azimuth, doppler=doppler, prediction=prediction
+    )
 
 
 def add_noise(own: Influence, shared_azimuth: bool, noise: Array) -> None:
@@ -134,8 +139,7 @@ def add_noise(own: Influence, shared_azimuth: bool, noise: Array) -> None:
     turned = own.sigma_azimuth[:, None] * own.prediction
     noise += doppler.T @ doppler + turned.T @ turned
     if shared_azimuth:  # the positions' covariances hold the square of their own part
-        across = own.sigma_azimuth[:, None] * own.cross_range
-        both = turned.T @ np.einsum("kij,kj->ki", own.position, across)
+        both = turned.T @ (own.sigma_azimuth[:, None] * own.azimuth)
         noise += both + both.T
 
 
@@ -165,7 +169,7 @@ class _Measured(NamedTuple):
         share: Array,
         budget: ErrorBudget,
         starts: NDArray[np.int_],
-        pair: NDArray[np.int_],
+        owner: NDArray[np.int_],
     ) -> Array:
         """The loss of the targets' weights to shared errors, times their gains (K, 3).
 
@@ -174,14 +178,14 @@ class _Measured(NamedTuple):
 
             (W^-1 + B B')^-1 = W - W B (I + B' W B)^-1 B' W
         """
-        both = np.empty((len(pair), 5))  # B and the gains
+        both = np.empty((len(owner), 5))  # B and the gains
         both[:, 0] = _MARGINALISED * budget.doppler
         both[:, 1] = _MARGINALISED * budget.azimuth * self.turned
         both[:, 2:] = self.gain
         weighted = (share / self.variance)[:, None] * both[:, :2]
         sums = np.add.reduceat(weighted[:, :, None] * both[:, None], starts)
         pulls = np.linalg.solve(np.eye(2) + sums[..., :2], sums[..., 2:])
-        return np.asarray((weighted[:, None] @ pulls[pair])[:, 0])
+        return np.asarray((weighted[:, None] @ pulls[owner])[:, 0])
 
 
 class Budgeted(NamedTuple):
@@ -217,17 +221,16 @@ def apply_budget(
     bound, count = problem.bind(estimate.theta), len(pairs)
     found = influences(problem, bound, pairs)
     intervals = np.array([pair.interval for pair in pairs])
-    middles = np.array([pair.middle for pair in pairs])
-    times, common = middles + 0.5 * intervals, middle_of(pairs)
+    times, common = np.array([pair.current.time for pair in pairs]), middle_of(pairs)
     first = int(found.starts[count])  # of the current targets
     starts = found.starts[count:] - first
-    pair = np.repeat(np.arange(count), [each.moving.size for each in problem.pairs])
+    owner = np.repeat(np.arange(count), [each.moving.size for each in problem.pairs])
     hessian, gradient = estimate.hessian, np.zeros(3)
     measured = None
     if problem.pairs[0].measurement is not None:
-        measured = _Measured.of(bound.batch.factors, estimate.theta, intervals[pair])
+        measured = _Measured.of(bound.batch.factors, estimate.theta, intervals[owner])
         if budget.azimuth or budget.doppler:  # else nothing is shared
-            lost = measured.marginalised(found.share[first:], budget, starts, pair)
+            lost = measured.marginalised(found.share[first:], budget, starts, owner)
             found.doppler[first:] += lost
             found.prediction[first:] -= measured.turned[:, None] * lost
             hessian = hessian - measured.gain.T @ lost
@@ -241,37 +244,35 @@ def apply_budget(
         order, memory = np.lexsort([means[:, 0], scan]), np.empty((9, len(means)))
         of_targets = found.position, found.covariances, means, scan
         add_dependence(*of_targets, order, budget.neighbours, memory, noise)
-    turned = np.add.reduceat(
-        np.einsum("kij,kj->ki", found.position, found.cross_range), found.starts
-    )
+    turned = np.add.reduceat(found.azimuth, found.starts)
     azimuth = turned[:count] + turned[count:]
     # the gradient's derivatives in small motions that follow those of the pairs
     moved = np.empty((count, 3, 3))
     moved[..., :2] = np.add.reduceat(found.position[first:], starts)
     levers = np.array([[-each.mounting.y, each.mounting.x] for each in pairs])
     moved[..., 2] = turned[count:] + np.einsum("pij,pj->pi", moved[..., :2], levers)
-    moved *= -intervals[:, None, None]
     # with [., .] the bracket of SE(2), a constant acceleration a moves a vehicle that turns by
     # exp(tau (theta + tau^2 / 12 [theta, a])), theta that in the middle (Magnus 1954)
     v_x, v_y, omega = estimate.theta.tolist()
     bracket = np.array([[0.0, -omega, v_y], [omega, 0.0, -v_x], [0.0, 0.0, 0.0]])
-    late = (middles - time)[:, None, None] * np.eye(3)
-    late += (intervals**2 / 12.0)[:, None, None] * bracket
-    follow = moved @ following(intervals[:, None] * np.stack([estimate.theta, near])[:, None])
-    delayed = (follow[0] @ late).sum(axis=0)
-    led = (follow[1] * (common - middles)[:, None, None]).sum(axis=0)
+    delayed, led = np.zeros((2, 3, 3))
+    for pair, own in zip(pairs, moved, strict=True):
+        late = (pair.middle - time) * np.eye(3) + pair.interval**2 / 12.0 * bracket
+        share = -pair.interval * own
+        delayed += share @ following(pair.interval * estimate.theta) @ late
+        led -= (pair.middle - common) * share @ following(pair.interval * near)
     doppler, scale = np.zeros((count, 3)), np.zeros(3)
     if measured is not None:
         by_value = found.doppler[first:]
         azimuth += np.add.reduceat(found.prediction[first:], starts)
         doppler = np.add.reduceat(by_value, starts)
         scale = np.concatenate([each.current.doppler for each in pairs]) @ by_value
-        delayed += (by_value * (times - time)[pair, None]).T @ measured.gain
-        led += (by_value * (common - times)[pair, None]).T @ measured.gain
+        delayed += (by_value * (times - time)[owner, None]).T @ measured.gain
+        led += (by_value * (common - times)[owner, None]).T @ measured.gain
     slip = [0.0, np.sqrt(problem.prior[1]), 0.0]  # of v_y, the only one that has a prior
-    slow = np.vstack(
-        [budget.azimuth * azimuth, budget.doppler * doppler, budget.scale * scale, slip]
-    )
+    slow = np.empty((2 * count + 2, 3))
+    slow[:count], slow[count:-2] = budget.azimuth * azimuth, budget.doppler * doppler
+    slow[-2], slow[-1] = budget.scale * scale, slip
     covariance = np.asarray(np.linalg.inv(hessian), dtype=np.float64)
     white, gain = in_coordinates(covariance, noise), -covariance
     return Budgeted(gain @ gradient, white, gain @ slow.T, gain @ delayed, gain @ led)

@@ -95,20 +95,16 @@ def problem_of(
     scan, is taken off positions and Doppler velocities.
     """
     time, found = middle_of(pairs), []
-    gained = np.zeros((len(pairs), 3))
-    if acceleration is not None and near is not None:
-        motions = np.multiply.outer([pair.interval for pair in pairs], near)
-        since = np.array([pair.middle - time for pair in pairs])
-        gained = since[:, None] * (following(motions) @ acceleration)
-    for pair, own in zip(pairs, gained.tolist(), strict=True):
+    for pair in pairs:
         previous, current, mounting = pair
         interval, moving = pair.interval, current.point_set(mounting)
         ahead = measurement = None
-        if acceleration is not None:
+        if acceleration is not None and near is not None:
             ahead = (current.time - time) * acceleration
-            if any(own):
+            gained = (pair.middle - time) * (following(interval * near) @ acceleration)
+            if gained.any():
                 # a small motion that follows the pair's own
-                v_x, v_y, turn = (interval * each for each in own)
+                v_x, v_y, turn = (interval * gained).tolist()
                 shift = np.array([v_x - 0.5 * turn * v_y, v_y + 0.5 * turn * v_x])
                 means = moving.means @ rigid.rotation(-turn) + shift
                 moving = PointSet._of(means, moving.covariances, moving.weights)
@@ -121,13 +117,11 @@ def problem_of(
 
 
 def following(motion: Array) -> Array:
-    """The small motion (..., 3, 3) that follows exp(motion) if a small twist is added to it.
+    """The small motion (3, 3) that follows exp(motion) if a small twist is added to the motion.
 
-    The right Jacobian of SE(2) to second order, I - b / 2 + b^2 / 6 with b = [motion, .], for
-    motions (..., 3).
+    The right Jacobian of SE(2) to second order, I - b / 2 + b^2 / 6 with b = [motion, .].
     """
-    x, y, turn = np.moveaxis(motion, -1, 0)
-    bracket = np.zeros((*motion.shape, 3))
-    bracket[..., 0, 1], bracket[..., 0, 2] = -turn, y
-    bracket[..., 1, 0], bracket[..., 1, 2] = turn, -x
-    return np.asarray(np.eye(3) - 0.5 * bracket + bracket @ bracket / 6.0)
+    x, y, turn = motion.tolist()
+    along, across = turn * x / 6.0 - 0.5 * y, turn * y / 6.0 + 0.5 * x
+    both = 1.0 - turn * turn / 6.0
+    return np.array([[both, 0.5 * turn, along], [-0.5 * turn, both, across], [0.0, 0.0, 1.0]])

@@ -107,10 +107,14 @@ class Mixture(NamedTuple):
     def errors(self) -> Array:
         """The transition of the state's errors, and their covariances [P, C], (2, n, n + k)."""
         _, covariance, cross = self.whole
-        covariances = np.hstack([covariance, cross])
+        size = len(covariance)
+        errors = np.zeros((2, size, size + cross.shape[1]))
+        errors[1, :, :size], errors[1, :, size:] = covariance, cross
         if self.transition is None:  # nothing but the slow errors is left
-            return np.stack([np.hstack([0.0 * covariance, cross]), covariances])
-        return np.stack([self.transition, covariances])
+            errors[0, :, size:] = cross
+        else:
+            errors[0] = self.transition
+        return errors
 
 
 def begin(
@@ -155,8 +159,9 @@ def predict(before: Mixture, time: float) -> Mixture | None:
     shares = before.shares @ changes
     mixed = before.modes.combined((before.shares[:, None] * changes / shares).T)
     modes = _moved(mixed, passed)
-    move = _transition(passed, before.modes.mean.shape[-1])
-    moved = np.hstack([move, np.zeros_like(modes.cross[0])])
+    size = modes.mean.shape[-1]
+    moved = np.zeros((size, size + modes.cross.shape[-1]))
+    moved[:, :size] = _transition(passed, size)
     return Mixture(time, shares, modes, shares, passed, moved)
 
 

@@ -198,8 +198,8 @@ class Rounds:
         if not scans:
             return []
         # neither the arrival nor the numbers of the sensors decide on the rounding of a sum
-        places = {s: self.histories[s].mounting for s in scans}
-        order = sorted(scans, key=lambda s: (scans[s].time, *places[s].pose))
+        at = [history.mounting for history in self.histories]
+        order = sorted(scans, key=lambda s: (scans[s].time, at[s].x, at[s].y, at[s].yaw))
         chosen = {s: self.histories[s].paired(scans[s]) for s in order}
         pairs = {s: pair for s, pair in chosen.items() if pair is not None}
         time = sum(scans[s].time for s in order) / len(order)
