@@ -18,10 +18,7 @@ CLAIMS: dict[str, Claim] = claims_of(CHAPTERS_2_TO_5 + CHAPTERS_6_AND_7)
 
 
 def claims_on(page: str) -> PageClaims:
-    """The claims that a page settles, as they are on record; end the page with it.
-
-    The page is the name of its file, "b_icp_and_the_ndt".
-    """
+    """The claims that a page, such as "b_icp_and_the_ndt", settles, as on record; ends the page."""
     return page_claims(page, CLAIMS.values(), read_record())
 
 

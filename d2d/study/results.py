@@ -23,10 +23,7 @@ def read_json(path: Path) -> dict[str, Any]:
 
 
 def write_json(path: Path, results: dict[str, Any], digits: int | None = None) -> None:
-    """Store results, one number a line, so that two versions can be compared.
-
-    Floats are rounded to so many significant ``digits``: the last bits of two machines may differ.
-    """
+    """Store results, one number a line, rounded to ``digits``, so that versions can be compared."""
     stored = results if digits is None else _rounded(results, digits)
     text = json.dumps(stored, indent=1, ensure_ascii=False, default=float)
     path.write_text(text + "\n", encoding="utf-8")

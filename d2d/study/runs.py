@@ -1,8 +1,4 @@
-"""Monte Carlo runs of a scenario, on one core or a cluster.
-
-Every chunk of runs draws from its own child of the seed, so the results do not depend on the number
-and kind of workers.
-"""
+"""Monte Carlo runs of a scenario, the same with any number and kind of workers."""
 
 import os
 from collections.abc import Sequence
@@ -90,10 +86,7 @@ def stacked(estimates: Sequence[Estimate]) -> Estimate:
 
 
 def judged(estimate: Estimate, theta: ArrayLike, covariance: Array | None = None) -> Credibility:
-    """Credibility of a batch of estimates (N,) of the motion ``theta`` (3,), of those converged.
-
-    ``covariance`` (N, 3, 3) takes the place of the inverse Hessian.
-    """
+    """Credibility of converged estimates (N,) of ``theta`` (3,), perhaps with other covariances."""
     stated = estimate.covariance if covariance is None else covariance
     good = np.isfinite(stated).all(axis=(1, 2))
     return credibility((estimate.theta - np.asarray(theta))[good], stated[good])
@@ -111,13 +104,9 @@ def monte_carlo(
 ) -> MonteCarlo:
     """Register many noisy draws of a scenario and compare with the truth.
 
-    The scenario is, for example, a `d2d.study.plane.scenarios.Scenario`.  Every run starts at
-    ``initial``: "truth", "zero", (P,), or several starts (S, P), of which the lowest optimum is
-    kept; ``scales`` is an inflation schedule by itself, see `scheduled`.
-
-    The ``n_jobs`` are worker processes: 1 unless given or set by ``joblib.parallel_config``, whose
-    backend (for example ``"dask"``) then runs the chunks.  The same seed gives the same results,
-    whatever ``n_jobs`` and the backend.
+    Every run starts at ``initial``: "truth", "zero", (P,), or several starts (S, P), of which the
+    lowest optimum is kept; ``scales`` is an inflation schedule by itself, see `scheduled`.  The
+    ``n_jobs`` are worker processes, 1 unless given or set by ``joblib.parallel_config``.
     """
     full, rest = divmod(check_count("runs", runs), CHUNK)
     sizes = [CHUNK] * full + [rest] * (rest > 0)

@@ -105,10 +105,9 @@ class Trial:
 def outcome(result: MonteCarlo) -> dict[str, float]:
     """Summarise the runs of one trial; a row of the table is a trial and its outcome.
 
-    ``at_truth`` counts runs that ended within 1.5 m and 6 degrees of the truth, ``covered`` the
-    converged runs whose 95 % region contains it.  The root mean square errors are those of the runs
-    at the truth, nan if there are none; the indices those of the converged runs; the iterations the
-    mean of a run over all its scales and starts.
+    ``covered`` are the converged runs whose 95 % region contains the truth.  The root mean square
+    errors are those of the runs at the truth (nan if there are none), the indices those of the
+    converged ones; the iterations are the mean of a run over all its scales and starts.
     """
     converged = result.converged
     right = converged & at_truth(result.errors)
@@ -223,10 +222,7 @@ def recompute(trial: Trial) -> dict[str, float]:
 
 
 def inlier_shares(trial: Trial) -> tuple[Array, NDArray[np.bool_]]:
-    """Mean inlier probability (runs,) at each run's optimum, and whether that is at the truth.
-
-    The draws are not those of `recompute`; of several starts, only the first is used.
-    """
+    """Mean inlier probability (runs,) at the optima of other draws, and whether each is right."""
     given = trial.arguments
     scene, cost, start = given["scenario"], given["cost"], np.atleast_2d(given["initial"])[0]
     fixed, moving = scene.sample(given["runs"], np.random.default_rng([given["seed"], 1]))
@@ -236,11 +232,7 @@ def inlier_shares(trial: Trial) -> tuple[Array, NDArray[np.bool_]]:
 
 
 def table_of(trials: Sequence[Trial], outcomes: Sequence[dict[str, float]]) -> pd.DataFrame:
-    """Return a row for each trial: its parameters, with their units in the names, and outcome.
-
-    ``success`` is the share of the runs that ended at the truth, ``coverage`` that of the converged
-    runs whose 95 % region contains the truth.
-    """
+    """Return a row for each trial: its parameters, with their units in the names, and outcome."""
     pairs = zip(trials, outcomes, strict=True)
     return _with_shares(pd.DataFrame([vars(trial) | result for trial, result in pairs]))
 

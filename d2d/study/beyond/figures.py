@@ -77,10 +77,7 @@ def factor_panels(
 
 
 def start_map(ax: Axes, rows: pd.DataFrame, cost: str, scales: str, title: str) -> AxesImage:
-    """Draw success over the start's distance and rotation, mean of the directions.
-
-    Lines enclose the starts of which nine in ten, and one in two, arrive.
-    """
+    """Draw success over the start's distance and rotation; lines enclose 9 in 10, and half."""
     chosen = select(rows, "start", cost=cost, scales=scales)
     shares = 100.0 * chosen.pivot_table("success", "turn_deg", "distance_m")
     image = ax.imshow(shares, vmin=0, vmax=100, aspect="auto", origin="lower", cmap=SHARE_MAP)
@@ -97,8 +94,7 @@ def start_map(ax: Axes, rows: pd.DataFrame, cost: str, scales: str, title: str) 
 def first_scales(rows: pd.DataFrame) -> pd.DataFrame:
     """Return the rows of the factor "first scale" with the columns ``first`` and ``ratio``.
 
-    The ratio is that of the first scale's standard deviation, across the line of sight at the mean
-    range, to the distance of the start.
+    The ratio is of the first scale's standard deviation across the line of sight to the distance.
     """
     chosen = select(rows, "first scale")
     first = chosen.scales.str.split().str[0].astype(float)

@@ -53,9 +53,8 @@ def mixture_residuals(
 ) -> tuple[Residuals, Array]:
     """Residuals of the D2D likelihood of two planar sets, and a constant for each target (K,).
 
-    The residuals r are a function of the motion (..., 3), which may be complex for complex-step
-    derivatives, and have the shape (..., M).  ``sum(r**2) / 2 - sum(constants)`` is the negative
-    logarithm of the mixture.
+    The residuals r (..., M) are a function of the motion (..., 3), complex for complex-step
+    derivatives; ``sum(r**2) / 2 - sum(constants)`` is the negative logarithm of the mixture.
     """
     constants = _log_bounds(fixed, moving, mixture, outlier)
 
@@ -84,9 +83,8 @@ def register_mixture(
 ) -> Estimate:
     """Minimise a mixture's negative logarithm by Levenberg-Marquardt (MINPACK), for one problem.
 
-    The sets, the mixture and the outlier model are those of `mixture_residuals`; ``initial`` (3,)
-    is zeros by default.  In the result, ``hessian`` is J'J, the approximation that such a solver
-    uses, ``covariance`` its inverse, and ``iterations`` counts evaluations of the residuals.
+    The start ``initial`` (3,) is zeros by default.  In the result, ``hessian`` is J'J, as in such
+    solvers, ``covariance`` its inverse, and ``iterations`` counts evaluations of the residuals.
     """
     start = np.zeros(3) if initial is None else rigid.motion("initial", initial, 2)
     residuals, constants = mixture_residuals(fixed, moving, mixture, outlier)
@@ -160,11 +158,7 @@ def _components(
 
 
 def _whitened(x: Any, y: Any, xx: Any, xy: Any, yy: Any, log_weights: Array) -> _Components:
-    """Components of these distances and covariances, whitened by their Cholesky factor.
-
-    In closed form, because NumPy's factorisation does not support the complex symmetric matrices
-    that a complex motion gives.
-    """
+    """Components whitened by their Cholesky factor, in closed form, for complex motions, too."""
     first = np.sqrt(xx)
     low = xy / first
     second = np.sqrt(yy - low * low)

@@ -14,10 +14,7 @@ _MAX_TRIES = 2000  # for one target, before its scene counts as too crowded
 
 @dataclass(frozen=True, eq=False)
 class RandomScenes:
-    """Targets at random places in the field of view, drawn anew for every run.
-
-    A sweep over them averages over layouts and noise together.
-    """
+    """Targets at random places in the field of view, drawn anew for every run."""
 
     sigma_range: float = OVERLAPPED.sigma_range  # m
     sigma_azimuth: float = OVERLAPPED.sigma_azimuth  # rad

@@ -40,8 +40,7 @@ def annealed_share(
 ) -> float:
     """Share of the draws that a schedule takes from zero motion to the truth.
 
-    ``inflate_outlier`` widens the outlier component along with the targets, unlike `d2d.register`;
-    without ``robust`` there is no outlier component.
+    ``inflate_outlier`` widens the outlier component, if ``robust``, too, unlike `d2d.register`.
     """
     fixed, moving = same_draws(scenario, runs)
     theta = np.zeros(3)
@@ -62,10 +61,7 @@ class Compared(NamedTuple):
 
 @cache
 def solved(scenario: Scenario, name: str, off: float = 0.0, runs: int = 60) -> Compared:
-    """Register the first draws of a scene one by one with a solver of `SOLVERS`.
-
-    ``off`` is how far the start is from the truth: 0 is the truth, 1 is zero motion.
-    """
+    """Register the first draws of a scene one by one; ``off`` is 0 at the truth, 1 at zero."""
     fixed, moving = same_draws(scenario, runs)
     start = scenario.theta * (1.0 - off)
     SOLVERS[name](fixed[0], moving[0], start)  # loads the compiled code

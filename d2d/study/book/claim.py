@@ -69,10 +69,7 @@ def in_every(*findings: Finding) -> Finding:
 
 
 class Rule(NamedTuple):
-    """The rule by which a number judges a part.
-
-    ``margin_units`` takes a value to the axis of the ledger, where values above 0 support the part.
-    """
+    """The rule that judges a number; ``margin_units`` are above 0 where it supports the part."""
 
     judge: Callable[[Measured], Finding]
     margin_units: Callable[[float], float]
@@ -164,11 +161,10 @@ def judge(parts: Iterable[Finding]) -> Verdict:
 
 @dataclass
 class Evidence:
-    """Measurements of a check, and what follows from them.
+    """Measurements of a check, to which it adds parts and numbers until it ends with `conclude`.
 
-    The check adds parts and numbers and ends with `conclude`.  The names of ``numbers`` have units.
-    What was measured has its 95 % interval; a plain float is exact, a count or the value of a
-    formula.  One or two numbers are headlines: the ledger shows them beside the verdict.
+    Names of ``numbers`` have units; a plain float is exact, a count or the value of a formula.
+    One or two numbers are headlines: the ledger shows them beside the verdict.
     """
 
     parts: dict[str, Finding] = field(default_factory=dict)  # named in a few words

@@ -16,11 +16,7 @@ RESAMPLES = 500
 
 
 class Measured(float):
-    """A number, which counts and prints as a float, with the bounds of its 95 % interval.
-
-    The ledger shows a headline at ``margin_units``: its low, value and high on the axis of what
-    counts.
-    """
+    """A number with the bounds of its 95 % interval; a headline may have a place on an axis."""
 
     low: float
     high: float
@@ -60,9 +56,8 @@ def complement(share: Measured) -> Measured:
 def largest(measure: Callable[..., Measured], *conditions: tuple[Any, ...]) -> Measured:
     """Return the largest of a measure over conditions, each the measure's arguments.
 
-    Its interval knows that it was picked (Bonferroni): each condition has an interval that misses
-    its number with probability 0.05 / conditions, so that all hold theirs at once in 95 % of the
-    cases, and then the largest lies between the largest lower and the largest upper bound.
+    Each condition has an interval that misses its number with probability 0.05 / conditions
+    (Bonferroni); then the largest lies between the largest lower and the largest upper bound.
     """
     return _picked(max, measure, conditions)
 
@@ -89,8 +84,7 @@ def _upper(comparisons: int) -> float:
 def share_of(condition: ArrayLike, *, comparisons: int = 1) -> Measured:
     """Share of independent cases (N,) in which a condition is met, with Wilson's interval.
 
-    It has a width even at 0 and 1, where resampling gives none: after N cases without an exception,
-    the share of exceptions can still be as high as 4 / N.  Without a case it can be anything.
+    It has a width even at 0 and 1: after N cases the share of exceptions may be as high as 4 / N.
     """
     met = np.asarray(condition, dtype=np.float64).ravel()
     if not met.size:
@@ -99,10 +93,9 @@ def share_of(condition: ArrayLike, *, comparisons: int = 1) -> Measured:
 
 
 def share_over(shares: ArrayLike, cases: float) -> Measured:
-    """Mean of the shares (G,) of groups, say layouts, with ``cases`` each, with Wilson's interval.
+    """Mean of the shares (G,) of independent groups, with ``cases`` each, with Wilson's interval.
 
-    The groups are independent, the cases within a group need not be.  They count as the
-    number of independent cases with the same variance between the groups, at least one per group.
+    They count as the number of independent cases with the same variance between the groups.
     """
     each = np.asarray(shares, dtype=np.float64).ravel()
     share, groups = float(each.mean()), len(each)
@@ -112,10 +105,7 @@ def share_over(shares: ArrayLike, cases: float) -> Measured:
 
 
 def share_counted(share: float, cases: float, *, comparisons: int = 1) -> Measured:
-    """A share of so many independent cases, with Wilson's interval.
-
-    The N rows of a series that are correlated over ``block`` rows count as N / block cases.
-    """
+    """A share of so many cases, with Wilson's interval; N correlated rows are N / block cases."""
     z2 = scipy.stats.norm.ppf(_upper(comparisons)) ** 2 / cases
     middle = (share + 0.5 * z2) / (1.0 + z2)
     half = np.sqrt(z2 * (share * (1.0 - share) + 0.25 * z2)) / (1.0 + z2)
@@ -126,8 +116,7 @@ def share_counted(share: float, cases: float, *, comparisons: int = 1) -> Measur
 def share_difference(of: ArrayLike, minus: ArrayLike, *, comparisons: int = 1) -> Measured:
     """Difference of the shares of the same independent cases (N,) that meet two conditions.
 
-    The interval of Bonett & Price (2012), which like Wilson's has a width if no case differs: one
-    case in either direction is added to those that do.
+    The interval of Bonett & Price (2012), which like Wilson's has a width if no case differs.
     """
     differences = np.asarray(of, dtype=np.float64) - np.asarray(minus, dtype=np.float64)
     count = len(differences) + 2
@@ -162,8 +151,7 @@ def bootstrapped(
 ) -> Measured:
     """A statistic of cases (N, ...), with the interval of `d2d.block_bootstrap`.
 
-    The cases are independent, or with ``block`` above 1 rows of a series that are correlated.
-    ``vectorized`` is as there.
+    ``block`` and ``vectorized`` are as there; the cases are independent unless ``block`` exceeds 1.
     """
     rng = np.random.default_rng(0)
     low, high = block_bootstrap(
@@ -244,9 +232,8 @@ def inclination_change(after: Credibility, before: Credibility) -> Measured:
 def _inclinations(runs: Credibility) -> Array:
     """One term (N,) in dB for each run, whose mean is I^2 and whose scatter is that of I^2.
 
-    The actual covariance in the credibility ratio is estimated from the same runs.  To first order,
-    and for errors whose shape is that of a Gaussian, this adds credible NEES / dimension - 1, whose
-    mean is 0, to the logarithm of each run's ratio.
+    The actual covariance in the credibility ratio is estimated from the same runs, which to first
+    order adds credible NEES / dimension - 1, with the mean 0, to the logarithm of each ratio.
     """
     credible = runs.credible_nees
     terms = np.log(runs.ratio) + credible / credible.mean() - 1.0

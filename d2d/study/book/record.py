@@ -27,8 +27,7 @@ def record_path() -> Path:
 def write_record(path: Path, evidence: Mapping[str, Evidence]) -> None:
     """Write the evidence, with its numbers rounded to four significant digits.
 
-    A number with an interval becomes a list of itself and the two bounds; a headline, also of
-    "telling" and its place on the axis of what counts.
+    A number with an interval is a list of itself, the bounds, and of a headline its place.
     """
     stored = {
         key: {"verdict": item.verdict}
@@ -63,10 +62,9 @@ def _read(value: float | list[Any]) -> float:
 
 
 def differences(fresh: Evidence, recorded: Evidence) -> list[str]:
-    """List where fresh evidence differs from that on record.
+    """List where fresh evidence differs from that on record, in sentences without their numbers.
 
-    Numbers and bounds may differ by 0.5 % or by 0.002, because rounding on another machine can
-    change the outcome of single draws.  Sentences are compared without their numbers.
+    Numbers may differ by 0.5 % or by 0.002: rounding on another machine changes single draws.
     """
     if fresh.numbers.keys() != recorded.numbers.keys():
         return [f"unmatched numbers: {sorted(fresh.numbers.keys() ^ recorded.numbers.keys())}"]

@@ -25,7 +25,6 @@ def picture(figure: Figure, alt: str, colours: int = 128) -> str:
 def animate(name: str, frames: Sequence[str], captions: Sequence[str]) -> str:
     """Return HTML that shows one frame at a time, chosen with a slider; the first without scripts.
 
-    A frame is HTML as wide as its box, its caption the plain text of the line below it, and
-    ``name`` the id of the HTML element, unique on its page.
+    Frames are HTML, captions plain text, and ``name`` is an id of the page.
     """
     return render("slider.html", name=name, frames=list(zip(frames, captions, strict=True)))

@@ -1,8 +1,4 @@
-"""Tables that a cell shows: HTML for a reader, aligned text for the tests.
-
-A cell ends with ``table(rows, columns)`` or ``quantities(...)``.  The book shows the HTML;
-The tests compare the text, which holds the same words and numbers.
-"""
+"""Tables that end a cell: HTML for a reader, and aligned text of the same words for the tests."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -30,10 +26,7 @@ def significant(value: float) -> str:
 
 
 def cell(value: Any, specification: str = "") -> str:
-    """One value as it is printed, with a format such as ``.2f`` or ``.0%``.
-
-    Text stays as it is, ``True`` is "yes", and what is missing (``None``, nan) is a dash.
-    """
+    """One value as it is printed; a dash if it is missing (``None``, nan), "yes" for ``True``."""
     if value is None:
         return ABSENT
     if isinstance(value, str):

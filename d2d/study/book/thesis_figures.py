@@ -35,11 +35,7 @@ their ids.
 
 
 def page_of(section: str, id: str = "") -> str:
-    """The page (a file of ``chapters/`` without its suffix) on a section of the thesis.
-
-    ``id`` is that of a figure or of a claim of this section.  Raises ``ValueError`` if there is no
-    page.
-    """
+    """The page on a section of the thesis, with a figure or claim ``id``, else ``ValueError``."""
     named = (id, f"{section} {id.split('-')[0]}", section, section.split(".")[0])
     page = next((PAGES[name] for name in named if name in PAGES), None)
     if page is None:

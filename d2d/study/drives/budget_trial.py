@@ -35,8 +35,7 @@ COVARIANCES = ("inverse Hessian", "propagated noise", "noise and budget")
 class Ingredient(NamedTuple):
     """Errors put into a drive: shared ones with the standard deviations of a budget, and others.
 
-    ``stated`` says whether the estimator knows the extent and the rounding, which each target has
-    for itself.  It always knows the targets' own noise.
+    ``stated`` says whether the estimator knows the extent and the rounding.
     """
 
     budget: ErrorBudget = ErrorBudget()
@@ -102,12 +101,9 @@ class TrialErrors(NamedTuple):
 def budget_trial(names: Iterable[str] = INGREDIENTS) -> dict[str, TrialErrors]:
     """Switch on each ingredient alone, and judge the covariances of many short drives.
 
-    All ingredients are tried on the same drives of the car, with the same worlds, detections and
-    noise; the drives start at places all over the lap.  The last covariance has the budget of
-    exactly the standard deviations that the errors were drawn from.
-
-    A budget's ``neighbours`` correlates all errors of the positions, the simulator only the extent,
-    so a small extent among neighbours is overestimated.
+    All are tried on the same drives of the car, from places all over the lap.  The last covariance
+    has the budget that the errors were drawn from; its ``neighbours`` correlates all errors of the
+    positions, the simulator only the extent, so that such an extent is overestimated.
     """
     return {name: trial_errors(INGREDIENTS[name]) for name in names}
 
@@ -158,8 +154,7 @@ def drawn_errors(
 ) -> list[SensorErrors]:
     """The errors of the sensor in each drive, from the standard deviations of a budget.
 
-    Over the drives, an error takes one value from each of as many equally probable parts of its
-    distribution (stratified sampling), so that even a few drives have the intended variance.
+    They are stratified, so that even a few drives have the intended variance.
     """
     budget, rounding = ingredient.budget, ingredient.rounding or 1.0
     sigmas = budget.azimuth, budget.doppler, budget.scale, budget.lag

@@ -219,11 +219,7 @@ def annealing_no_gain(ev: Evidence) -> None:
 
 
 def _annealed_at_random(doppler: bool) -> tuple[Measured, Measured, list[Measured]]:
-    """Annealing from random starts, compared with plain starts at the last velocity.
-
-    Returns the shares of the pairs that it brings nearer to v_x and farther from it, and the ratios
-    of the RMSEs of v_x, v_y and omega, annealed / plain.
-    """
+    """Shares of pairs that annealing brings nearer to v_x and farther, and ratios of the RMSEs."""
     errors = []
     for seed, (drive, _) in enumerate(robot_drives()):
         rng = np.random.default_rng([seed, 1])

@@ -19,9 +19,7 @@ UNITS = ("m/s", "m/s", "°/s")  # of IN_UNITS, as figures and tables print them
 def errors_table(comparisons: Mapping[str, Comparison], caption: str) -> Table:
     """Table of each comparison: errors, usable estimates and credibility.
 
-    The ANEES stands with its 95 % interval by a block bootstrap, since errors along a drive are
-    correlated; it is credible if 1 lies inside.  NCI and I^2 compare with the mean square error of
-    the whole drive, along which the right covariance changes, and so say little here.
+    The interval of the ANEES is by a block bootstrap, since errors along a drive are correlated.
     """
     rows = {
         name: (
@@ -43,11 +41,7 @@ def errors_table(comparisons: Mapping[str, Comparison], caption: str) -> Table:
 
 
 class Drift(NamedTuple):
-    """Root mean square errors of a path, as the package evo measures them.
-
-    The absolute errors (APE) are those of paths that start at the same pose and are not aligned,
-    the relative ones (RPE) those over stretches of some metres, per metre.
-    """
+    """Root mean square errors of a path, not aligned (APE), and per metre over stretches (RPE)."""
 
     ape_translation: float  # m
     ape_rotation: float  # deg
@@ -56,11 +50,7 @@ class Drift(NamedTuple):
 
     @classmethod
     def of(cls, poses: ArrayLike, true: ArrayLike, stretch: float = 10.0) -> "Drift":
-        """Compare poses (n, 3) with the true ones (n, 3), [x, y, yaw] in m, m, rad.
-
-        ``stretch`` (m) is that of the relative errors.  Needs the package evo, which the book
-        requires but `d2d` itself does not.
-        """
+        """Compare poses (n, 3) with the true ones, by the package evo; ``stretch`` in m."""
         from evo.core.metrics import APE, RPE, PoseRelation, Unit  # type: ignore[import-untyped]
 
         paths = _evo_path(true), _evo_path(poses)

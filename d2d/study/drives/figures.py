@@ -166,10 +166,7 @@ def error_columns(
     errors: Mapping[str, Comparison],
     limits: Sequence[Sequence[float]],
 ) -> None:
-    """Draw errors over time, a column (3 axes) for each track.
-
-    Errors beyond the ``limits`` of each component are drawn as crosses at the edge.
-    """
+    """Draw errors over time, a column (3 axes) for each track; crosses lie beyond ``limits``."""
     for column, (name, comparison) in enumerate(errors.items()):
         for row, (ax, limit) in enumerate(zip(axes[:, column], limits[column], strict=True)):
             values = comparison.errors[:, row] * IN_UNITS[row]

@@ -19,10 +19,7 @@ class TargetWeights(NamedTuple):
 
     @classmethod
     def of(cls, drive: Drive, driven: Track, *, doppler: bool = True) -> "TargetWeights":
-        """Weigh the targets of each pair's current scan; ``driven`` is the track of the drive.
-
-        Pairs that did not converge are left out.
-        """
+        """Weigh the targets of each converged pair's current scan; ``driven`` tracks the drive."""
         kinds, probabilities = [], []
         for i, (previous, current) in enumerate(pairwise(drive.scans)):
             if not driven.converged[i]:
@@ -33,21 +30,17 @@ class TargetWeights(NamedTuple):
         return cls(np.concatenate(kinds), np.concatenate(probabilities))
 
     def rejected(self, chosen: NDArray[np.bool_]) -> float:
-        """Share of the chosen targets, a mask (M,), whose inlier probability is below one half.
-
-        It is nan if none is chosen.
-        """
+        """Share of chosen targets (M,) that are more likely outliers; nan without any."""
         return float((self.probability[chosen] < 0.5).mean()) if chosen.any() else float("nan")
 
 
 def walkers_by_pair(
     drive: Drive, driven: Track, speed: float, angles: Array, *, doppler: bool = True
 ) -> list[NDArray[np.bool_]]:
-    """Whether targets would be rejected if they walked, (A, n) for each of the pairs used.
+    """Whether targets would be rejected if they walked, (A, n) for every tenth pair that is used.
 
-    Static targets that the previous scan shows as well are given the Doppler velocity and the
-    displacement of somebody who walks at ``speed`` in m/s, at each of the ``angles`` (A,) in rad to
-    the line of sight; 0 is away from the sensor.  Every tenth pair is used.
+    Static targets that the previous scan shows, too, get Doppler velocity and displacement of
+    somebody who walks at ``speed`` (m/s), ``angles`` (A,) in rad from away along the line of sight.
     """
     rejected = []
     for i in range(0, len(drive.scans) - 1, 10):

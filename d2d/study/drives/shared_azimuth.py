@@ -18,10 +18,7 @@ COVARIANCES = ("inverse Hessian", "propagated, errors apart", "propagated, error
 def on_a_drive(
     drive: Drive, driven: Track, pairs: Iterable[int], *, doppler: bool = True
 ) -> StatedCovariances:
-    """Three covariances on these pairs of scans of a drive, started at its track.
-
-    The truth is the velocity at the second scan.  Pairs without a covariance are left out.
-    """
+    """Three covariances on these pairs of scans of a drive, started at its track."""
     errors, covariances = [], []
     for i in pairs:
         pair = drive.scans[i], drive.scans[i + 1], drive.mounting

@@ -13,20 +13,14 @@ from d2d.study.runs import stacked
 
 
 def sparse(world: World, rng: np.random.Generator) -> World:
-    """The world without movers, and with a fifth of its reflection points, four times as strong.
-
-    The points of a wall then lie farther apart than the errors of the sensor.
-    """
+    """The world without movers and with a fifth of its points, at four times the strength."""
     kept = rng.random(len(world.kind)) < 0.2
     few = world.points[kept], 4.0 * world.strength[kept], world.kind[kept]
     return World(world.buildings, world.cars, *few)
 
 
 def track_from(drive: Drive, start: ArrayLike, **options: Any) -> Track:
-    """Estimate each pair of the drive's scans on its own, from the same ``start`` (3,).
-
-    ``options`` are those of `d2d.radar.estimate_ego_motion`.
-    """
+    """Estimate each pair on its own from ``start`` (3,); options of `estimate_ego_motion`."""
     estimates = stacked(
         [
             estimate_ego_motion(*pair, drive.mounting, initial=start, **options)
@@ -42,10 +36,8 @@ def track_from(drive: Drive, start: ArrayLike, **options: Any) -> Track:
 def followed(drive: Drive, starts: ArrayLike | None = None, **options: Any) -> Array:
     """Velocities (n, 3), each pair started at the last velocity that was found, and only there.
 
-    The first pair starts at the true velocity.  Unlike `d2d.radar.track`, this gives no second
-    start to a pair that ended at a wrong optimum, whose velocity is the last one.  Given ``starts``
-    (n, 3), each pair starts there instead.  ``options`` are those of
-    `d2d.radar.estimate_ego_motion`.
+    The first pair starts at the true velocity.  Given ``starts`` (n, 3), each pair starts there
+    instead.  ``options`` are those of `d2d.radar.estimate_ego_motion`.
     """
     velocities = [drive.truth.theta[0]]
     for i, pair in enumerate(pairwise(drive.scans)):

@@ -74,10 +74,7 @@ def variance_ratio(study: StatedCovariances, kind: str) -> Array:
 
 
 def kurtosis_of(errors: Array) -> Measured:
-    """Kurtosis of independent errors (N, n) over that of a Gaussian, n (n + 2) (Mardia 1970).
-
-    The errors are whitened by their own covariance, so that a stated one has no part in it.
-    """
+    """Kurtosis of whitened errors (N, n) over that of a Gaussian, n (n + 2) (Mardia 1970)."""
     count, dimension = errors.shape
     centred = errors - errors.mean(axis=0)
     covariance = centred.T @ centred / count
@@ -88,8 +85,7 @@ def kurtosis_of(errors: Array) -> Measured:
 def quadratic_ratios(name: str, distance: float) -> Array:
     """Ratio (500,) of the rise of a cost to that of its quadratic model, median over directions.
 
-    The rise is measured ``distance`` stated standard deviations to either side of the optimum
-    along each parameter; for a Gaussian the ratio is 1 at any distance.
+    It is measured ``distance`` stated standard deviations off along each parameter.
     """
     runs = 500
     fixed, moving = (points[:runs] for points in overlapped_sets())
@@ -116,10 +112,8 @@ class SharedPartner(NamedTuple):
 def shared_partner(count: int) -> SharedPartner:
     """ANEES in the overlapped scene where ``count`` moving targets share each fixed one.
 
-    One object gives ``count`` detections in the current scan and one in the previous.  Each pair
-    has the covariance Sigma_i + Sigma_k, and the Hessian adds ``count`` such pairs as if their
-    errors were independent; that of the fixed target is in all of them.  With equal covariances the
-    variance is 1 + 1 / count where the inverse Hessian has 2 / count.
+    The Hessian adds ``count`` pairs as if the fixed target's error, which is in all of them, were
+    independent: with equal covariances it has 2 / count for the variance 1 + 1 / count.
     """
     runs = 2000
     fixed, moving = OVERLAPPED.sample(runs, np.random.default_rng(SEED))
@@ -135,11 +129,7 @@ def shared_partner(count: int) -> SharedPartner:
 
 @cache
 def over_layouts(name: str) -> tuple[Measured, ...]:
-    """ANEES of the inverse Hessian on each of twelve random layouts.
-
-    Each layout has eight targets, uniform in azimuth and range over the scene's field of view; they
-    may lie next to each other.
-    """
+    """ANEES of the inverse Hessian on each of twelve random layouts of eight targets."""
     rng = np.random.default_rng(SEED)
     anees = []
     for _ in range(12):

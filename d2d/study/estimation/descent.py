@@ -32,9 +32,8 @@ SHORT = 1e-8  # m, m, rad: a shorter step of gradient descent is its last
 class PairedTargets:
     """Least squares of target k of ``moving`` against target k of ``fixed``.
 
-    Residuals W_k (R mu_k + t - mu'_k) with W_k'W_k the inverse of the fixed target's covariance:
-    the point-to-distribution likelihood of known pairs, up to a constant. They are nonlinear in
-    the rotation only.
+    Residuals W_k (R mu_k + t - mu'_k), nonlinear in the rotation only, with W_k'W_k the inverse of
+    the fixed target's covariance: the point-to-distribution likelihood of known pairs.
     """
 
     fixed: PointSet
@@ -146,8 +145,7 @@ def ends_of(paths: Sequence[Path]) -> Ends:
 def gradient_descents(problems: Sequence[PairedTargets], starts: Array) -> Ends:
     """The gradient descent of `run_all` on P problems at once, from starts (P, 3).
 
-    It takes thousands of iterations, but the cost is quadratic in [cos phi, sin phi, t_x, t_y, 1]:
-    each iteration takes a product with a matrix (5, 5) instead of all targets.
+    The cost is quadratic in z: an iteration takes one product with a matrix (5, 5).
     """
     quadratic = np.stack([problem.quadratic for problem in problems])
     pairs = zip(problems, starts, strict=True)

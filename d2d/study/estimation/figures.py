@@ -52,11 +52,7 @@ def propagation_panel(
     sigma: float,
     rng: np.random.Generator,
 ) -> None:
-    """Inputs N(x0, sigma^2) on the x axis; on the y axis, the outputs of a curve and its tangent.
-
-    On the y axis, grey bars show 20 000 sampled outputs, and lines the densities
-    N(f(x0), (f'(x0) sigma)^2) of first-order propagation.
-    """
+    """Inputs N(x0, sigma^2) on the x axis; sampled (grey) and propagated outputs on the y axis."""
     low, high = min(centres) - 6.0 * sigma, max(centres) + 6.0 * sigma
     x = np.linspace(low, high, 600)
     y = function(x)
@@ -82,8 +78,7 @@ def propagation_panel(
 def stated_over_actual(ax: Axes, studies: Mapping[str, tuple[str, StatedCovariances]]) -> None:
     """Mark the stated over the actual variance of t_x, t_y and phi, a group of rows for each cost.
 
-    ``studies`` holds, by the name of each group, the cost's key in the grammar and its study.
-    Marks are medians over the runs, lines reach from 5 % to 95 %.
+    ``studies`` are by the group's name; marks are medians, lines reach from 5 % to 95 %.
     """
     names: list[str] = []
     for name, (_, study) in studies.items():

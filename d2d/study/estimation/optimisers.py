@@ -89,9 +89,7 @@ def descend(
 ) -> Path:
     """Repeat x <- x + step(problem, x), without any safeguard, until the step is short.
 
-    ``step`` is ``gradient_descent(rate)``, ``newton`` or ``gauss_newton``.  The iteration has
-    converged once the largest entry of the step is below ``tolerance``; a step that is not finite
-    ends it, not converged.
+    It has converged if the largest entry is below ``tolerance``, and not if it is not finite.
     """
     points = [np.asarray(start, dtype=np.float64)]
     converged = False
@@ -110,8 +108,7 @@ def descend(
 def descend_damped(problem: LeastSquares, start: ArrayLike, *, max_iterations: int = 1000) -> Path:
     """Levenberg-Marquardt: lambda falls to a tenth after an accepted step, else it rises tenfold.
 
-    It is 0.001 at first.  A step that raises the cost is not taken (Marquardt 1963).  The
-    parameters and the result are those of `descend`.
+    A step that raises the cost is not taken (Marquardt 1963).  Else as `descend`.
     """
     damping, evaluations, converged = 1e-3, 0, False
     points = [np.asarray(start, dtype=np.float64)]

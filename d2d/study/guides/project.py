@@ -14,10 +14,7 @@ _FAULTS = {
 
 
 def hidden_log(name: str, duration: float = 60.0) -> Drive:
-    """Return the first, second or third log: a simulated car with a front radar, and the truth.
-
-    Raises a ``ValueError`` for another name.
-    """
+    """Return the "first", "second" or "third" log of a simulated front radar, and the truth."""
     check_choice("name", name, _FAULTS)
     rng = np.random.default_rng(list(_FAULTS).index(name))
     errors = _FAULTS[name]

@@ -10,10 +10,7 @@ NAN = float("nan")
 
 
 class Row(NamedTuple):
-    """How well a track agrees with the true motion; nan if nearly all estimates failed.
-
-    ``reason`` is the most frequent reason of failure.
-    """
+    """How well a track agrees with the true motion, and the most frequent reason of failure."""
 
     name: str
     accepted: float  # share of the estimates

@@ -45,10 +45,7 @@ _PLACES = (Mounting(3.7, 0.5, 0.0), Mounting(3.7, -0.5, 0.0))  # two radars that
 
 
 def residual_variance(theta: Array, fixed: PointSet, moving: PointSet) -> Array:
-    """Variance (N,) in m^2 of the residuals of paired points (N, K, 2) at the motions (N, 3).
-
-    Per coordinate, with the three degrees of freedom of the motion subtracted.
-    """
+    """Variance (N,) in m^2, per coordinate, of paired points (N, K, 2) at the motions (N, 3)."""
     residuals = rigid.transform_means(theta, moving.means) - fixed.means
     freedom = 2 * fixed.size - 3
     return np.asarray((residuals**2).sum(axis=(1, 2)) / freedom)
@@ -70,9 +67,8 @@ def halves(
 ) -> Credibility:
     """Register two halves of the moving sets (N, K) with the fixed ones, and judge the difference.
 
-    Each run draws its own halves.  Targets of the same label (K,) stay together; each label has the
-    same number of them.  If both covariances are true, and the errors of the halves independent,
-    the differences have the sum of the covariances.
+    Each run draws its own halves; targets of the same label (K,) stay together.  True covariances
+    of independent halves add up to that of the differences.
     """
     names, runs = np.unique(labels), len(moving.means)
     drawn = np.random.default_rng(0).permuted(np.tile(names, (runs, 1)), axis=1)
@@ -95,11 +91,7 @@ Case = tuple[PointSet, PointSet, RegistrationCost, ArrayLike, NDArray[np.int_]]
 
 @cache
 def halves_of_each_reason() -> list[tuple[str, float, float]]:
-    """ANEES of whole sets and of halves for each reason, in the scenes of chapter 10.
-
-    Its name, the ANEES of whole sets against the truth, and that of the difference of halves, drawn
-    by target; where targets are repeated, by copy or by target.
-    """
+    """ANEES of whole sets and of halves for each reason, by target, and by copy if repeated."""
     rows = []
     for name, case in _cases().items():
         whole = judged(register(*case[:4]), OVERLAPPED.theta)
@@ -136,8 +128,7 @@ def _cases() -> dict[str, Case]:
 def bias_against_targets() -> pd.DataFrame:
     """Track a front radar turned by `BIAS`, with more and more targets: its lateral velocity.
 
-    Mean number of ``targets`` in a scan, RMSE and standard deviations in m/s of bare pairs:
-    ``stated`` by the inverse Hessian and ``budgeted``, with the bias in the budget.
+    RMSE and standard deviations (m/s) of bare pairs, ``stated`` and ``budgeted``.
     """
     rows = []
     for count in COUNTS:
@@ -154,10 +145,7 @@ def bias_against_targets() -> pd.DataFrame:
 
 
 class Reason(NamedTuple):
-    """Faults of a drive: unknown errors, and standard deviations stated off by a factor.
-
-    Each radar is turned by ``turned`` times `BIAS`.
-    """
+    """Faults of a drive: unknown errors, sigmas off by a factor, radars turned by times `BIAS`."""
 
     errors: SensorErrors = SensorErrors()
     factor: float = 1.0
@@ -176,10 +164,7 @@ REASONS = {
 
 @cache
 def without_truth() -> dict[str, list[float]]:
-    """ANEES of one of two front radars against the truth, and by three tests without it.
-
-    The tests are halves by target and by object, and two sensors; in each drive one thing is wrong.
-    """
+    """ANEES of one of two front radars against the truth, by halves, and by the other radar."""
     return {name: _judged(reason) for name, reason in REASONS.items()}
 
 

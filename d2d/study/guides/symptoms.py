@@ -34,11 +34,7 @@ _NYQUIST = 8.0  # m/s: a sensor that folds its velocities into this, to either s
 
 
 class Symptom(NamedTuple):
-    """Signs in a track of one fault.
-
-    ``forward`` and ``turning`` are the slopes of the accepted v_x and omega over the true ones;
-    ``message`` is an error or what `diagnose` finds, empty if there is nothing.
-    """
+    """Signs of a fault: slopes of v_x and omega over the true ones, and an error or a finding."""
 
     row: Row
     forward: float

@@ -39,10 +39,7 @@ TARGETS = (
 def line_targets(
     ax: Axes, points: PointSet, true: Array, names: Sequence[str], marks: str = "fixed"
 ) -> None:
-    """Draw a row for each target of a 1D set: density, true place (hollow) and observed (filled).
-
-    The marks are those of the set ``marks``.
-    """
+    """Draw a row for each target on a line: density, true place (hollow), observed (filled)."""
     x = np.linspace(true.min() - 2.0, true.max() + 2.0, 1201)
     variances = points.covariances[:, 0, 0]
     scaled = np.sqrt(2.0 * np.pi * variances[:, None])
@@ -57,10 +54,7 @@ def line_targets(
 
 
 def _rows(ax: Axes, x: Array, densities: Array, names: Sequence[str], highest: float) -> None:
-    """Draw densities (K, T) over x one below the other, each named at the left of its row.
-
-    A row is as high as the density ``highest``, so that all rows have one scale.
-    """
+    """Draw densities (K, T) over x one below the other, all to one scale, named at the left."""
     for k, (name, density) in enumerate(zip(names, densities, strict=True)):
         style = _target_line(k, name)
         curve = 0.85 * density / highest - k

@@ -53,8 +53,7 @@ def survey_corrupted(fraction: float, width: float, draws: int) -> Survey:
 def outlier_map() -> tuple[Array, Array, Array]:
     """Corrupted Gaussians of each fraction and width (m), with a randomly placed outlier in M.
 
-    Returns the share of the draws with the right optimum, the share with a comparable rival, and
-    the median width of the basin (m), each of shape (FRACTIONS, WIDTHS).
+    Shares (FRACTIONS, WIDTHS) of draws that are right, or have a rival, and median basin (m).
     """
     table = np.empty((3, len(FRACTIONS), len(WIDTHS)))
     for i, fraction in enumerate(FRACTIONS):

@@ -32,9 +32,8 @@ def line_scene(
 ) -> tuple[PointSet, PointSet]:
     """Noisy observations of the targets before and after the motion: the fixed and the moving set.
 
-    ``positions`` (m) are the true ones in F; those in M are smaller by the true translation.  The
-    sets are one-dimensional, of batch shape ``draws``, with independent noise of the standard
-    deviations ``sigma_fixed`` and ``sigma_moving`` (m).
+    ``positions`` (m) are the true ones in F; the one-dimensional sets have the batch shape
+    ``draws`` and independent noise ``sigma_fixed`` and ``sigma_moving`` (m).
     """
     true = np.asarray(positions, dtype=np.float64)
     shape = (*draws, len(true))
@@ -55,8 +54,7 @@ def with_outlier(
 ) -> tuple[PointSet, PointSet]:
     """The line scene with one extra target, the last one of the set ``where``, fixed or moving.
 
-    It stands ``at`` (m) in that set's frame or, unless that is given, anywhere over the targets and
-    5 m beyond, drawn anew for every draw.  ``draws`` is the batch shape.
+    It stands ``at`` (m) in that set's frame, by default anywhere up to 5 m beyond the targets.
     """
     fixed, moving = line_scene(rng, draws=draws)
     shift = 0.0 if where == "fixed" else TRUTH

@@ -29,11 +29,7 @@ def log_surface(
 
 
 class Peaks(NamedTuple):
-    """Local maxima of one surface or of a batch, those of each surface sorted by height.
-
-    P is the largest number of maxima that a surface of the batch has. Where one has fewer, the
-    rest of its positions is NaN and the rest of its heights -inf.
-    """
+    """Local maxima of surfaces, the highest first; where there are fewer, NaN and -inf."""
 
     positions: Array  # (..., P), m, that of the highest maximum first
     log_heights: Array  # (..., P), relative to the highest
@@ -50,10 +46,7 @@ class Peaks(NamedTuple):
 
 
 def peaks(translations: Array, log_values: Array) -> Peaks:
-    """Local maxima of surfaces (..., T) given by their logarithm on a grid (T,).
-
-    Neither end of the grid is one; a plateau counts once, at its middle.
-    """
+    """Local maxima within a grid (T,) of surfaces (..., T) of logarithms; a plateau counts once."""
     rows = np.reshape(log_values, (-1, len(translations)))
     # one search through all rows, with a wall after each so that its ends are no maxima
     walled = np.pad(rows, ((0, 0), (0, 1)), constant_values=np.inf)
@@ -80,8 +73,7 @@ def basin_of_attraction(
 ) -> tuple[Array, Array, Array]:
     """Where an ascent from ``start`` (m) ends on surfaces (..., T), and the basin it started in.
 
-    Returns the local maximum reached and both edges of its basin of attraction (...), in m: the
-    neighbouring minima, or the ends of the grid. A level stretch counts as falling.
+    Returns the maximum and both edges (...) in m: minima next to it, or ends of the grid.
     """
     rising = log_values[..., 1:] > log_values[..., :-1]  # from each sample to the next
     nearest = np.full(rising.shape[:-1], np.abs(translations - start).argmin())

@@ -20,10 +20,7 @@ MAX_STEPS = 2000  # of EM
 
 
 def two_humps(separation: float) -> GaussianMixture:
-    """Two equal round Gaussians of standard deviation 1 in the plane.
-
-    Their sum has two maxima if they are more than 2 standard deviations apart.
-    """
+    """Two equal round Gaussians of standard deviation 1; two maxima if more than 2 apart."""
     means = separation * np.array([[-0.5, 0.0], [0.5, 0.0]])
     return GaussianMixture(np.array([0.5, 0.5]), means, np.tile(np.eye(2), (2, 1, 1)))
 
@@ -79,8 +76,7 @@ def gmm_better(ev: Evidence) -> None:
 def random_observations(rng: np.random.Generator, kind: int) -> tuple[Array, int]:
     """Observations (N, D) and a number of components; every fifth set is degenerate.
 
-    Kinds 0 to 2 are fewer observations than components, equal observations, one far outlier; all
-    others are draws of random mixtures.
+    Kinds 0 to 2 are fewer observations than components, equal observations, one far outlier.
     """
     components, dimension = int(rng.integers(1, 6)), int(rng.integers(1, 4))
     if kind == 0:

@@ -23,9 +23,8 @@ def em_frame(
 ) -> Figure:
     """Draw one step of EM in the plane: data and components, and the log-likelihood below.
 
-    The data ``x`` (N, 2), in m, are coloured by the responsibilities of ``steps[step]``, a mixture
-    of at most four components; each component is drawn as its ellipses of one and two standard
-    deviations.
+    The data ``x`` (N, 2) in m have the colours of their responsibilities; ellipses are of one and
+    two standard deviations.
     """
     mixture = steps[step]
     figure, (plane, curve) = plt.subplots(2, 1, figsize=(5.0, 4.6), height_ratios=(4, 1))

@@ -37,11 +37,7 @@ def density(x: ArrayLike, mean: ArrayLike, covariance: ArrayLike) -> Array:
 
 
 class Ellipse(NamedTuple):
-    """An ellipse in the plane: its semi-axes (..., 2) and angle (...) in rad.
-
-    The longer semi-axis comes first; the angle, within (-pi/2, pi/2], is measured from the x axis
-    to the longer axis, counter-clockwise.
-    """
+    """Semi-axes (..., 2), the longer first, and that one's angle (...) in rad from the x axis."""
 
     semi_axes: Array
     angle: Array
@@ -50,9 +46,8 @@ class Ellipse(NamedTuple):
 def confidence_ellipse(covariance: ArrayLike, confidence: float = 0.95) -> Ellipse:
     """The smallest region around its mean that holds a planar Gaussian's draw with ``confidence``.
 
-    The squared Mahalanobis distance of a draw is chi-square distributed with two degrees of
-    freedom, so the semi-axes are sqrt(chi2 quantile x eigenvalue).  The ellipses of one, two and
-    three standard deviations contain 39 %, 86 % and 99 %.
+    The squared Mahalanobis distance is chi-square distributed with two degrees of freedom: the
+    semi-axes are sqrt(quantile x eigenvalue), and one, two, three sigma hold 39 %, 86 %, 99 %.
     """
     variances, axes = np.linalg.eigh(np.asarray(covariance, dtype=np.float64))
     scale = math.sqrt(-2.0 * math.log1p(-confidence))  # of chi-square, 2 degrees of freedom
@@ -66,8 +61,7 @@ def confidence_ellipse(covariance: ArrayLike, confidence: float = 0.95) -> Ellip
 class GaussianMixture(Frozen):
     """p(x) = sum_k w_k N(x | mu_k, Sigma_k) (thesis eq. 2.8, Bishop 2006, eq. 9.7).
 
-    The weights (K,) are not negative and have the sum 1, the means (K, D) and covariances (K, D, D)
-    belong to them.
+    Weights (K,) with the sum 1, means (K, D) and covariances (K, D, D).
     """
 
     weights: Array
@@ -128,11 +122,7 @@ class GaussianMixture(Frozen):
 
 
 class MixtureFit(NamedTuple):
-    """The outcome of expectation maximisation.
-
-    ``steps`` are the mixtures of all iterations, from the initial one to ``mixture``;
-    ``log_likelihoods`` are those of the steps.
-    """
+    """A fitted mixture, with those of all iterations, ``steps``, and their ``log_likelihoods``."""
 
     mixture: GaussianMixture
     log_likelihoods: Array
@@ -143,9 +133,8 @@ class MixtureFit(NamedTuple):
 def variance_floor(x: ArrayLike) -> float:
     """The smallest variance that `fit_mixture` gives a component of the observations x (N, D).
 
-    It is ``(1e-5 s)^2`` with their root mean variance s, but no less than rounding leaves at their
-    magnitude, about ``(1e-15 |x|)^2``: they may all be equal.  Without a floor the likelihood is
-    unbounded, because a component can shrink onto a single observation (Bishop 2006, sec. 9.2.1).
+    ``(1e-5 s)^2`` with their root mean variance s, or what rounding leaves.  Without it a component
+    could shrink onto one observation, without bound (Bishop 2006, sec. 9.2.1).
     """
     points = np.asarray(x, dtype=np.float64)
     rounding = 4.0 * np.finfo(np.float64).eps * np.abs(points).max()
@@ -157,10 +146,8 @@ def initial_mixture(
 ) -> GaussianMixture:
     """A start for `fit_mixture`: equal weights, means at observations, equal isotropic covariances.
 
-    The variance is that of the data divided by K.  The means are seeded as in k-means++ (Arthur &
-    Vassilvitskii 2007): each further one is an observation, of x (N, D), drawn with a probability
-    proportional to its squared distance from the nearest mean so far.  K may exceed N.  The
-    variance is no less than ``floor``, by default that of `variance_floor`.
+    The variance is that of the data x (N, D) divided by K, or the ``floor``.  Means are seeded as
+    in k-means++ (Arthur & Vassilvitskii 2007).  K may exceed N.
     """
     points = np.asarray(x, dtype=np.float64)
     floor = variance_floor(points) if floor is None else floor
@@ -190,11 +177,9 @@ def maximise(
 ) -> GaussianMixture:
     """The M step: the mixture that maximises the likelihood, given responsibilities (N, K).
 
-    Each component gets its weighted mean and covariance, and its mean responsibility as weight
-    (Bishop 2006, eq. 9.24-9.26).  With ``equal_weights`` the weights stay 1/K, as in thesis
-    fig. 2.6.  Eigenvalues below ``floor`` are raised to it, which gives the maximum under that
-    constraint (`raise_eigenvalues`), so that the likelihood still cannot fall.  A component
-    without any responsibility keeps its mean and covariance from ``previous``.
+    Bishop 2006, eq. 9.24-9.26; with ``equal_weights`` the weights stay 1/K, as in thesis fig. 2.6.
+    Eigenvalues below ``floor`` are raised to it, so that the likelihood still cannot fall.  A
+    component without any responsibility stays as in ``previous``.
     """
     z, k = np.asarray(responsibilities), previous.components
     totals = z.sum(axis=0)
@@ -218,11 +203,9 @@ def fit_mixture(
 ) -> MixtureFit:
     """Fit a mixture by expectation maximisation (Dempster, Laird & Rubin 1977; thesis sec. 2.3).
 
-    The result is a local maximum; which one depends on the start, the `initial_mixture` that
-    ``rng`` draws.  The observations x (N, D) may be fewer than ``components``, or all equal.  No
-    variance of a component is less than ``floor``, by default that of `variance_floor`.  With
-    ``equal_weights`` the weights stay 1/K.  The iteration ends with a step whose gain in
-    log-likelihood per observation is at most ``tolerance``.
+    The local maximum depends on the start, the `initial_mixture` that ``rng`` draws.  The x (N, D)
+    may be few or equal; ``floor`` is by default the `variance_floor`.  With ``equal_weights`` the
+    weights stay 1/K.  It ends when a step gains at most ``tolerance`` per observation.
     """
     points = np.asarray(x, dtype=np.float64)
     floor = variance_floor(points) if floor is None else floor

@@ -44,10 +44,7 @@ KINDS = tuple(
 
 @cache
 def shares_wrong(kind: ClusterKind, scenes: int, first: int = 0) -> Array:
-    """Share (scenes,) of the draws of each random scene with a lower minimum than at the truth.
-
-    The seeds of the scenes count up from ``first``.
-    """
+    """Share (scenes,) of draws with a lower minimum than at the truth; seeds from ``first``."""
     with ThreadPoolExecutor(THREADS) as pool:
         return np.array(
             list(pool.map(lambda s: _share_wrong(kind, s), range(first, first + scenes)))
@@ -55,11 +52,9 @@ def shares_wrong(kind: ClusterKind, scenes: int, first: int = 0) -> Array:
 
 
 def _share_wrong(kind: ClusterKind, seed: int) -> float:
-    """Share of the draws of one scene.
+    """Share of the draws of one scene with a lower minimum than at the truth.
 
-    The descents start at the truth, and at the truth turned about the first cluster: the other
-    minima that can be as low are those that keep a large cluster in place.  A minimum that they
-    miss makes the share too small.
+    They start there, also turned about the first cluster: low minima keep a cluster in place.
     """
     rng = np.random.default_rng(seed)
     layout = Layout(clusters=kind.clusters, companions=kind.companions, cluster_radius=kind.radius)

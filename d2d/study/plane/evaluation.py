@@ -100,11 +100,7 @@ def over_layouts(
     layouts: int = 200,
     runs: int = 100,
 ) -> LayoutStudy:
-    """Evaluate a cost on random layouts of eight targets, with as many ``runs`` on each.
-
-    ``kind`` is a `Layout` or the name of one in `d2d.study.plane.scenarios.LAYOUTS`; layout s has
-    the seed s.
-    """
+    """Evaluate a cost on random layouts of a kind of `LAYOUTS`, with seeds 0, 1, ..."""
 
     def study(seed: int) -> tuple[float, ...]:
         result = monte_carlo(random_layout(kind, seed), cost, runs, seed, initial)

@@ -99,10 +99,7 @@ def error_panels(
 
 
 def bounds_columns(scenario: Scenario, names: Sequence[str]) -> None:
-    """Errors of the first 200 runs over bands of three stated sigmas, a column per cost.
-
-    There are two figures: for a phone, and as wide as the page.
-    """
+    """Errors of 200 runs over three stated sigmas, a column per cost, for phone and page."""
     results = [evaluated(scenario, COSTS[name]) for name in names]
     sigmas = [
         np.sqrt(np.diagonal(r.covariances, axis1=1, axis2=2)) * IN_LABEL_UNITS for r in results
@@ -122,9 +119,8 @@ def bounds_columns(scenario: Scenario, names: Sequence[str]) -> None:
 def credibility_columns(scenario: Scenario, names: Sequence[str], finding: str) -> None:
     """Histograms of the NEES and of the credibility ratio of all runs, a column per cost.
 
-    A black line has the runs that a credible estimator would have in each bin of the NEES
-    (chi-square with three degrees of freedom).  A dashed line marks its ratio of 0 dB, a solid one
-    the mean ratio.
+    A black line has the runs of a credible estimator in each bin of the NEES; of ratios, a dashed
+    line marks 0 dB, a solid one the mean.
     """
     size = (5.0, 4.1)
     figure, axes = plt.subplots(2, len(names), sharex="row", sharey="row", figsize=size)
@@ -209,10 +205,7 @@ def error_shares(
     titles: Sequence[str] = ("translation", "rotation"),
     styles: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> None:
-    """Draw the share of the runs below each error of the translation and of the rotation.
-
-    ``errors`` are those (N, 3) of each cost; ``styles`` draws an entry not named after a cost.
-    """
+    """Draw the share of runs below each error (N, 3); ``styles`` are for names of no cost."""
     for name, of_runs in errors.items():
         distance, turn = distance_and_rotation(of_runs)
         share = np.arange(1, len(of_runs) + 1) / len(of_runs)

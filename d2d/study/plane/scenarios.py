@@ -33,11 +33,7 @@ def noisy_polar(
     sigma_azimuth: float,
     draws: tuple[int, ...] = (),
 ) -> tuple[Array, Array]:
-    """Simulate noisy measurements of positions (..., N, 2) in m.
-
-    Returns ranges in m and azimuths in rad, each of shape ``(*draws, ..., N)``.  The noise is
-    Gaussian and independent, with standard deviations in m and rad.
-    """
+    """Noisy ranges (m) and azimuths (rad) ``(*draws, ..., N)`` of positions (..., N, 2) in m."""
     x, y = positions[..., 0], positions[..., 1]
     noise = rng.standard_normal((2, *draws, *x.shape))
     return np.hypot(x, y) + sigma_range * noise[0], np.arctan2(y, x) + sigma_azimuth * noise[1]
@@ -45,10 +41,7 @@ def noisy_polar(
 
 @dataclass(frozen=True, eq=False)
 class Scenario:
-    """Static targets seen from two places, with noise in polar coordinates.
-
-    The covariances that the targets report assume the standard deviations of the noise.
-    """
+    """Static targets seen from two places, with the noise in polar coordinates that they state."""
 
     name: str
     # (n, 2) in m, seen in both scans, in the frame of the previous one
@@ -84,10 +77,8 @@ class Scenario:
 class Layout:
     """The outliers and clusters of a scene, and the regions where they are placed at random.
 
-    The thesis gives neither their numbers nor their places.  The layouts here have one close and
-    one far outlier in each set beside eight targets, which gives the outlier share of 0.2 that the
-    thesis assumes; two clusters; and twice as many outliers where the clusters double the number of
-    targets.
+    The thesis gives neither.  Beside eight targets there are a close and a far outlier in each set,
+    the share of 0.2 that it assumes; twice as many where two clusters double the targets.
     """
 
     close: int = 0  # outliers in each set beside a target
@@ -118,10 +109,7 @@ def scene(
     targets: Array | None = None,
     **parameters: Any,
 ) -> Scenario:
-    """Put outliers and clusters at random around targets (n, 2), the thesis's eight unless given.
-
-    The ``parameters`` are ``theta``, ``sigma_range`` and ``sigma_azimuth`` of `Scenario`.
-    """
+    """Put outliers and clusters at random around targets (n, 2); ``parameters`` of `Scenario`."""
     originals = cartesian(EIGHT_TARGETS) if targets is None else targets
     bare = Scenario(name, originals, **parameters)
     fixed, moving = bare.true_sets

@@ -24,10 +24,7 @@ def bfgs_errors(
     *,
     density: bool = False,
 ) -> Array:
-    """Errors (100, 3) of SciPy's BFGS with our gradient, a stand-in for the thesis's optimiser.
-
-    With ``density`` it maximises the fused density as the thesis writes it, without the logarithm.
-    """
+    """Errors (100, 3) of SciPy's BFGS, on the logarithm, or with ``density`` on the density."""
     runs = 100
     fixed, moving = same_draws(scenario, runs)
     start = scenario.theta * (initial == "truth")
@@ -51,8 +48,7 @@ def bfgs_errors(
 def plain_sum_credibility(scenario: Scenario, unit: float = 1.0) -> Credibility:
     """Credibility of the sum if its Hessian is that of -f, with f the fused density.
 
-    At the optimum the Hessian of -f is f times that of -log f.  f has the unit of 1 / area; lengths
-    are measured in units of ``unit`` metres.
+    At the optimum it is f times that of -log f; f is per area, with lengths in ``unit`` metres.
     """
     result = evaluated(scenario, SUMMING)
     fixed, moving = same_draws(scenario, len(result.errors))
@@ -63,9 +59,7 @@ def plain_sum_credibility(scenario: Scenario, unit: float = 1.0) -> Credibility:
 def unweighted_outlier(targets: int) -> RegistrationCost:
     """The robust likelihood with the outlier component as thesis eq. 6.4 prints it, without w_i.
 
-    Without w_i, the component weighs N = ``targets`` times too much.  A constant factor of a
-    target's density moves no optimum, so (1 - a) q + a N o is equivalent to the outlier share
-    a N / (1 - a + a N).
+    It then weighs N = ``targets`` times too much: equivalent to the share a N / (1 - a + a N).
     """
     share = ALPHA * targets / (1.0 - ALPHA + ALPHA * targets)
     return RegistrationCost(outlier=CorruptedGaussian(share, OUTLIER_COVARIANCE))

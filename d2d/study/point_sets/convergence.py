@@ -55,10 +55,7 @@ METHODS: dict[str, Method] = {
 
 
 def start_plane(distances: ArrayLike, rotations: ArrayLike, directions: int) -> Array:
-    """Offsets (R, D, A, 3) of starts from the truth, over distances (D,) and rotations (R,).
-
-    In m and rad; each distance is taken in A ``directions``.
-    """
+    """Offsets (R, D, A, 3) in m and rad, at rotations (R,) and distances (D,), all around."""
     bearing = 2.0 * np.pi * (np.arange(directions) + 0.25) / directions
     turn, distance, angle = np.meshgrid(rotations, distances, bearing, indexing="ij")
     return np.stack([distance * np.cos(angle), distance * np.sin(angle), turn], axis=-1)
@@ -74,10 +71,7 @@ def draw_offsets(
 
 
 def is_registered(theta: ArrayLike, truth: ArrayLike, tolerance: float = 1.0) -> NDArray[np.bool_]:
-    """Whether each motion (..., 3) ends within 0.2 m and 3 degrees of the truth.
-
-    ``tolerance`` multiplies both limits.
-    """
+    """Whether motions (..., 3) end within 0.2 m and 3 degrees of the truth, times ``tolerance``."""
     millimetres, degrees = motion_errors(theta, truth)
     close: NDArray[np.bool_] = (millimetres < 1e3 * tolerance * CLOSE_DISTANCE) & (
         np.abs(degrees) < np.rad2deg(tolerance * CLOSE_ROTATION)
@@ -86,10 +80,7 @@ def is_registered(theta: ArrayLike, truth: ArrayLike, tolerance: float = 1.0) ->
 
 
 def motion_errors(theta: ArrayLike, truth: ArrayLike = MOTION) -> tuple[Array, Array]:
-    """Errors (...) of motions (..., 3) against the truth: translation in mm, rotation in degrees.
-
-    The rotation's has a sign, and lies within -180 and 180 degrees.
-    """
+    """Errors (...) of motions (..., 3): translation in mm, signed rotation in degrees."""
     error = rigid.compose(rigid.inverse(truth), theta)
     turn = np.angle(np.exp(1j * error[..., 2]))
     return 1e3 * np.hypot(error[..., 0], error[..., 1]), np.rad2deg(turn)

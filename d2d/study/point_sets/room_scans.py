@@ -45,9 +45,7 @@ def segments(walls: Walls = ROOM) -> Array:
 def ray_ranges(pose: ArrayLike, azimuth: ArrayLike, walls: Walls = ROOM) -> Array:
     """Distance (A,) in m to the nearest wall along each azimuth (A,) in rad, seen from a pose (3,).
 
-    Solves ``p + r u = a + s (b - a)`` for every ray and segment, and keeps the smallest r > 0
-    with s within [0, 1].
-    Raises a ``ValueError`` if a ray meets no wall: the pose lies outside the room.
+    Solves ``p + r u = a + s (b - a)``.  Raises a ``ValueError`` if a ray meets no wall.
     """
     scanner = rigid.motion("pose", pose, 2)
     direction = rigid.rotation(scanner[2] + np.asarray(azimuth))[:, :, 0]
@@ -81,11 +79,7 @@ class RoomScan:
         return self.range[:, None] * rigid.rotation(self.azimuth)[:, :, 0]
 
     def targets(self) -> PointSet:
-        """Every point as a Gaussian target.
-
-        Across the ray, the standard deviation is half the distance to the neighbouring ray, because
-        the next scan samples the wall at other points.
-        """
+        """Every point as a Gaussian, across the ray half as wide as the next ray is far."""
         return PointSet.from_polar(self.range, self.azimuth, SIGMA_RANGE, 0.5 * self.spacing)
 
 
@@ -99,9 +93,8 @@ def room_scan(
 ) -> RoomScan:
     """Cast equally spaced rays over the field of view, with Gaussian noise on the range.
 
-    ``pose`` (3,), in m, m, rad, is that of the scanner in the room; the field of view (rad) is
-    centred on the scanner's x axis.  A share ``outliers`` of the points comes from an obstacle in
-    front of the wall, uniformly distributed along the ray.
+    ``pose`` (3,), in m, m, rad, is that of the scanner, about whose x axis the ``field_of_view``
+    (rad) lies.  A share ``outliers`` of the points lies uniformly in front of the wall.
     """
     spacing = field_of_view / RAYS
     azimuth = spacing * np.arange(RAYS, dtype=np.float64) - 0.5 * field_of_view
@@ -121,11 +114,7 @@ def room_pair(
     field_of_view: float = 2.0 * np.pi,
     outliers: float = 0.0,
 ) -> tuple[RoomScan, RoomScan]:
-    """The scans before and after a motion (3,) in m, m, rad.
-
-    The motion maps the second scan onto the first: it is the second scanner's pose in the frame
-    of the first.
-    """
+    """Scans before and after a motion (3,) in m, m, rad, which maps the second onto the first."""
     poses: tuple[ArrayLike, ArrayLike] = (np.zeros(3), motion)
     before, after = (
         room_scan(rng, pose, walls=walls, field_of_view=field_of_view, outliers=outliers)

@@ -59,8 +59,7 @@ def span_errors(driven: Track, reference: Reference, span: float) -> tuple[Array
 def by_its_velocities(reference: Reference) -> Reference:
     """The reference with the path that its velocities make, from which its own sometimes departs.
 
-    In the first seconds of RadarScenes 105 its path slides aside by 0.4 m/s.  The velocities, taken
-    as linear in between, are summed in the world in steps of `STEP`: not by the rule of a track.
+    Linear in between, they are summed in the world in steps of `STEP`, unlike a track's.
     """
     known = np.isfinite(reference.theta).all(axis=1)
     times, theta = reference.times[known], reference.theta[known]

@@ -65,10 +65,7 @@ class Drive:
         return float(np.median(np.diff([scan.time for scan in self.recordings[0].scans])))
 
     def track(self, **options: Any) -> Track:
-        """Track all sensors together; options of `d2d.radar.track`.
-
-        Without a budget, the bare pairs of scans, unless ``carry`` says otherwise.
-        """
+        """Track all sensors together, as bare pairs if there is no budget; options of `track`."""
         carry = options.get("budget") is not None
         return track(self.recordings, **{"carry": carry} | options)
 

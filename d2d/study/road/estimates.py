@@ -56,9 +56,8 @@ _UPPER = np.triu_indices(3)
 class Run(NamedTuple):
     """One way to estimate a drive.
 
-    ``baseline`` and ``doppler`` are options of the registration, see `d2d.radar.track`;
-    ``strongest`` is one of `load_radarscenes`, as is ``extent``, the position scatter (m) of every
-    target, whose default it replaces.
+    ``baseline`` and ``doppler`` are options of `track`, ``strongest`` of `load_radarscenes`;
+    ``extent`` (m) replaces its position scatter.
     """
 
     sensors: tuple[int, ...]
@@ -104,10 +103,7 @@ class Result(NamedTuple):
         return np.asarray(self.track.theta - self.errors)
 
     def paths(self) -> tuple[Array, Array]:
-        """The paths of the estimates and of the reference: poses (m, 3) at their common times.
-
-        Both begin at the first of them; the reference's velocities are integrated finely.
-        """
+        """Paths of the estimates and of the finely integrated reference: poses (m, 3)."""
         first, *_, last = np.flatnonzero(np.isfinite(self.errors).all(axis=1))
         driven, reference = self.track[first : last + 1], self.reference[first : last + 1]
         path = driven.poses()[1:]
@@ -122,9 +118,8 @@ def compute(
 ) -> tuple[dict[str, Result], dict[str, Any]]:
     """Compute all runs on one sequence, and the facts about the recording.
 
-    Errors are relative to the odometry, corrected by the time offset and side slip that the
-    recording's first half suggests.  The facts include the RMSE relative to the odometry with the
-    stated time offset and side slip.  Times count from the first scan of the first sensor.
+    Errors are relative to the odometry, with the correction that the first half suggests; facts
+    have the RMSE with the stated one.  Times count from the first scan.
     """
 
     @cache
@@ -158,11 +153,7 @@ def compute(
 
 
 def whole_rounds(recordings: Sequence[Recording]) -> list[Recording]:
-    """The recordings without the scans of a last round that lacks a sensor.
-
-    A recording is cut off at a time, not at the end of a round: an incomplete last round would give
-    an estimate from one sensor among those from all sensors.
-    """
+    """The recordings without the scans of a last round that lacks a sensor, as it was cut off."""
     groups = rounds_of([(r.scans, r.mounting) for r in recordings])
     while len(groups[-1].scans) < len(recordings):
         groups.pop()
@@ -210,9 +201,7 @@ def _doppler_track(recordings: Sequence[Recording]) -> Track:
 def recording_facts(raw: Sequence[Recording], duration: float) -> tuple[dict[str, Any], Correction]:
     """Clock, slip and mountings by the Doppler velocities, and the correction to use.
 
-    ``raw`` holds the recordings of all sensors, read without a time offset or side slip.  The
-    correction is fitted to all sensors in the first half of the recording, so that the second half
-    is judged with a correction that it did not help to choose.
+    ``raw`` are the recordings without one.  It is fitted to the first half only.
     """
     halves = {"first half": (0.0, 0.5 * duration), "second half": (0.5 * duration, np.inf)}
     odometry = raw[0].reference

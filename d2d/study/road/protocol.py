@@ -181,10 +181,7 @@ Tracks = Mapping[str, Comparison]  # of `STORED`, with all sensors of all `TRACK
 
 
 def stated_by_models(own: Tracks, matrix: Array, factors: Array) -> dict[str, Comparison]:
-    """Every model's covariances; those without a budget of their own have the stored one's track.
-
-    ``matrix`` (3, 3) and ``factors`` (3,) are fitted to other drives.
-    """
+    """Every model's covariances; ``matrix`` (3, 3) and ``factors`` (3,) are of other drives."""
     stored = own[STORED]
     wide = np.outer(factors, factors) * stored.covariances
     alike = np.broadcast_to(matrix, stored.covariances.shape)

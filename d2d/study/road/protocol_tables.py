@@ -126,8 +126,7 @@ def causes(found: Judged, stored: ErrorBudget) -> str:
 def counts(rows: pd.DataFrame) -> str:
     """How many estimates were judged, how many blocks they make, and what share they are.
 
-    Blocks are as long as the errors need, and the NEES of the last model.  Grossly off is an error
-    beyond `GROSS`.
+    Blocks are as long as errors and NEES need; errors beyond `GROSS` are grossly off.
     """
     one_each = rows.drop_duplicates(["cell", "drive"], keep="last")
     lines = [

@@ -64,10 +64,7 @@ def fit_correction(velocities: ScanVelocities, odometry: Reference) -> Correctio
 
 
 def _model(velocities: ScanVelocities, odometry: Reference) -> CalibrationModel:
-    """The model of all sensors with one odometry and a side slip proportional to v_x omega.
-
-    The odometry's yaw rate has no bias.
-    """
+    """The model of all sensors with one odometry, without a bias, and a slip as v_x omega."""
     model = CalibrationModel.of(velocities, [odometry] * velocities.sensors, (1,))
     free = model.free.copy()
     free[-1] = False
@@ -79,13 +76,11 @@ def residual_sigmas(
 ) -> list[dict[str, Any]]:
     """Standard deviations of the measurements, from the residuals after registration.
 
-    Each target with an inlier probability above one half is moved by the estimate and compared with
-    the nearest target of the previous scan, if each is the other's nearest.  The deviations along
-    (m) and across (rad) the line of sight are divided by sqrt(2), because both targets have errors;
-    that of the Doppler velocity (m/s) contains the effect of the azimuth error.  They are median
-    absolute deviations, so that wrong matches count little.  The nearest target tends to be a
-    little too near, so the true standard deviations are, if anything, larger.  ``track`` has one
-    row for each pair of successive scans; ``edges`` (deg) divide ``|azimuth|`` into sectors.
+    Likely inliers, moved by the estimate, are compared with the targets of the previous scan that
+    are nearest, mutually.  The median absolute deviations along (m) and across (rad) the line of
+    sight are divided by sqrt(2); that of the Doppler velocity (m/s) contains the azimuth's error.
+    The true ones are, if anything, larger.  ``track`` has one row for each pair of successive
+    scans; ``edges`` (deg) divide ``|azimuth|`` into sectors.
     """
     residuals = [
         _matched_residuals(previous, current, recording.mounting, theta)
@@ -103,11 +98,7 @@ def residual_sigmas(
 def _matched_residuals(
     previous: RadarScan, current: RadarScan, mounting: Mounting, theta: Array
 ) -> Array:
-    """Azimuth and residuals (4, matches) of the targets that are each other's nearest.
-
-    The residuals are those along (m) and across (rad) the line of sight and of the Doppler velocity
-    (m/s).
-    """
+    """Azimuths and residuals (along m, across rad, Doppler m/s) of mutually nearest targets."""
     trusted = inlier_probabilities(theta, previous, current, mounting) > 0.5
     motion = rigid.exponential(theta * (current.time - previous.time))
     fixed = previous.point_set(mounting).means

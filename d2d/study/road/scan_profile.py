@@ -1,8 +1,4 @@
-"""Where the targets of a radar's scans lie: a summary of recordings that cannot be shown.
-
-The measurements of RadarScenes are not part of this project; how many targets a scan has, and how
-they spread over range, azimuth and Doppler velocity, may be drawn beside a simulated sensor's.
-"""
+"""Where the targets of a radar's scans lie: a summary of recordings that cannot be shown."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any

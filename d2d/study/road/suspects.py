@@ -25,8 +25,7 @@ _MARKS = (("o", BLACK, 0.0), ("s", OCHRE, 0.24), ("D", GREY, -0.24))
 def judge_halves(recording: Recording) -> dict[str, Any]:
     """Two halves of each scan against each other, divided target by target or object by object.
 
-    For each division: the mean whitened squares of v_x, v_y and omega, their mean (the ANEES) and
-    its 95 % interval.  No reference is involved.  See `d2d.radar.compare_halves`.
+    Mean whitened squares, their mean (the ANEES) and its 95 % interval; see `compare_halves`.
     """
     view = [(recording.scans, recording.mounting)]
     return {
@@ -36,10 +35,7 @@ def judge_halves(recording: Recording) -> dict[str, Any]:
 
 
 def parts(found: Comparison) -> dict[str, Any]:
-    """The ANEES of a comparison, its 95 % interval, and the mean whitened squares it consists of.
-
-    The interval is from a block bootstrap, since errors along a drive are correlated.
-    """
+    """The ANEES of a comparison, its interval (block bootstrap), and the mean whitened squares."""
     return {
         "whitened": found.measures.whitened_squares.tolist(),
         "anees": float(found.measures.anees),
@@ -48,11 +44,7 @@ def parts(found: Comparison) -> dict[str, Any]:
 
 
 def without_slow_part(found: Comparison, seconds: float) -> Comparison:
-    """The comparison with the mean of each error's neighbours within ``seconds`` subtracted.
-
-    The remainder varies faster.  If the errors of successive estimates are independent, this
-    removes a share of one over the number of neighbours.
-    """
+    """The comparison with the mean of each error's neighbours within ``seconds`` subtracted."""
     near = np.abs(found.times[:, np.newaxis] - found.times) <= 0.5 * seconds
     slow = (near @ found.errors) / near.sum(axis=1, keepdims=True)
     return replace(found, errors=found.errors - slow)
@@ -63,8 +55,7 @@ def beside_changed_reference(
 ) -> Comparison:
     """The track beside its reference read ``lag`` (s) earlier and faster by a factor 1 + ``speed``.
 
-    The reference is known at the times of the estimates, from the track and its errors (n, 3); in
-    between it is interpolated linearly.
+    It is known from the track and its errors (n, 3), and interpolated linearly.
     """
     known = np.asarray(np.isfinite(errors).all(axis=-1))
     reference = (track.theta - errors)[known]
@@ -105,10 +96,7 @@ def parts_table(judged: Mapping[str, Mapping[str, Any]], caption: str = "") -> T
 def draw_choices(
     ax: Axes, judged: Mapping[str, Comparison], beside: str, groups: Sequence[int]
 ) -> None:
-    """The RMSE of every run over the RMSE of the run ``beside``, for each component on a line.
-
-    ``groups`` begin below a thin rule.
-    """
+    """The RMSE of every run over that of the run ``beside``; ``groups`` begin below a thin rule."""
     rows = np.arange(len(judged))[::-1]
     factors = np.array([found.rmse / judged[beside].rmse for found in judged.values()])
     for found, symbol, (marker, color, above) in zip(factors.T, SYMBOLS, _MARKS, strict=True):

@@ -239,10 +239,7 @@ def uniform_not_a_density(ev: Evidence) -> None:
 
 
 def _credibility_with_outlier() -> list[Credibility]:
-    """Credibility of both robust costs with an outlier in M, in the draws in which both are right.
-
-    The uniform component comes first.
-    """
+    """Credibility of both robust costs, uniform first, in the draws in which both are right."""
     estimates = [register(*scene("moving", 4000), cost, [TRUTH]) for cost in (UNIFORM, ROBUST)]
     right = [each.converged & (np.abs(each.theta[:, 0] - TRUTH) < RIGHT) for each in estimates]
     kept = np.all(right, axis=0)

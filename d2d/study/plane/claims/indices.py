@@ -23,10 +23,7 @@ def conditions() -> list[LayoutStudy]:
 
 
 def recognised(index: Array, dangerous: NDArray[np.bool_]) -> float:
-    """Share of conditions (N,) that the best limit on an index sorts into dangerous and not.
-
-    The limit may be an upper or a lower one; both kinds of condition count alike.
-    """
+    """Share of conditions (N,) that the best limit on an index, upper or lower, sorts right."""
     kinds = np.sort(index[dangerous]), np.sort(index[~dangerous])
     low, harmless = (
         np.searchsorted(each, index, side="right") / max(len(each), 1) for each in kinds
