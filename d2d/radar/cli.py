@@ -15,7 +15,7 @@ import threading
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from string import Template
 from typing import Any, TextIO
@@ -33,7 +33,7 @@ from d2d.radar.readers import READERS
 from d2d.radar.readers.bag import write_bag
 from d2d.radar.readers.csv_log import load_csv, write_csv
 from d2d.radar.readers.odometry import load_gyro, load_reference
-from d2d.radar.readers.reader import Options, Source, mountings_of, option_table, options_of
+from d2d.radar.readers.reader import Source, mountings_of, options_of
 from d2d.radar.readers.shared import brief
 from d2d.radar.report import png_of, report_page
 from d2d.radar.scans.budget import ErrorBudget
@@ -59,18 +59,63 @@ VEHICLES: dict[str, dict[str, float]] = {
     "train": {"speed": 150.0, "yaw_rate": 0.3, "acceleration": 4.0, "yaw_acceleration": 0.3},
 }
 GATES = ("range", "azimuth", "elevation")
+OF_SCANS = ("mounting", *SIGMAS, "degrees")
 # The options of `VehicleLimits`, by their names there.
-LIMITS = {
-    "speed": "max_speed",
-    "yaw_rate": "max_yaw_rate",
-    "acceleration": "max_acceleration",
-    "yaw_acceleration": "max_yaw_acceleration",
-    "uncertainty": "max_yaw_rate_sigma",
-    "speed_uncertainty": "max_speed_sigma",
-    "yaw_rate_of_slip": "max_yaw_rate_of_slip",
-}
-# A section of `commands.txt`: a command, or options of some commands.
-_SECTION = re.compile(r"^# (command|options) (.+?): (.+)\n((?:(?!# ).*\n)+)", re.MULTILINE)
+LIMITS = {field.name: f"max_{field.name}" for field in fields(VehicleLimits)}
+LIMITS |= {"uncertainty": "max_yaw_rate_sigma", "speed_uncertainty": "max_speed_sigma"}
+
+# Arguments of `ArgumentParser.add_argument`, by the option's name in Python.
+Options = dict[str, dict[str, Any]]
+_OPTION = re.compile(r"^--(\S+)((?: \S+)*)  +(.+(?:\n .+)*)", re.MULTILINE)
+_SECTION = re.compile(r"^# (command|reader|options) (.+?): (.+)\n((?:(?!# ).*\n)+)", re.MULTILINE)
+_UNITS = ("S", "M", "DEG", "DB", "SHARE", "M/S", "DEG/S", "M/S^2", "DEG/S^2")
+
+
+def _help() -> str:
+    """The text of `commands.txt`, with the columns of a log as the documentation says them."""
+    text = Path(__file__).with_name("commands.txt").read_text(encoding="utf-8")
+    return Template(text).substitute(
+        program=PROGRAM,
+        log="\n\n".join((inspect.getdoc(load_csv) or "").replace("``", "").split("\n\n")[1:3]),
+        vehicles="|".join(VEHICLES),
+        horizon=f"{HORIZON:g}",
+        max_interval=f"{MAX_INTERVAL:g}",
+        gyro_sigma=f"{math.degrees(Gyro().sigma):g}",
+        gyro_bias=f"{math.degrees(Gyro().bias):g}",
+    )
+
+
+def _radians(word: str) -> float:
+    return math.radians(float(word))
+
+
+def option_table(table: str) -> Options:
+    """Return the options of lines "--name METAVAR  what it is", by name in Python.
+
+    A METAVAR that is a unit stands for a number, which becomes one in rad if it is in degrees, N
+    for a whole number, a|b for a choice, ... for several values; =1 is a default.  An option
+    without one is a flag, which is None if not given.  One whose values have several names and dots
+    may be given several times.
+    """
+    found: Options = {}
+    for name, metavars, text in _OPTION.findall(table):
+        words = metavars.replace("...", "").split() or [""]
+        metavar, _, default = words[0].partition("=")
+        real = _radians if metavar.startswith("DEG") else float
+        kind: Any = real if metavar in _UNITS else int if metavar == "N" else str
+        how: dict[str, Any] = {"type": kind, "default": kind(default) if default else None}
+        if "|" in metavar:
+            how["choices"] = metavar.split("|")
+        elif metavar:
+            how["metavar"] = metavar if len(words) == 1 else (metavar, " ".join(words[1:]))
+        else:
+            how = {"action": "store_true", "default": None}
+        if "..." in metavars or len(words) > 1:
+            how["nargs"] = "+" if "..." in metavars else len(words)
+        if "..." in metavars and len(words) > 1:
+            how["action"] = "append"
+        found[name.replace("-", "_")] = how | {"help": " ".join(text.split())}
+    return found
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -154,39 +199,37 @@ def _plain(text: object) -> str:
 
 
 def _parser() -> argparse.ArgumentParser:
-    """The parser of the commands and options in `commands.txt`, and of those of the readers."""
-    # the columns of a log, as the documentation says them
-    log = "\n\n".join((inspect.getdoc(load_csv) or "").replace("``", "").split("\n\n")[1:3])
-    text = Template(Path(__file__).with_name("commands.txt").read_text("utf-8")).substitute(
-        program=PROGRAM,
-        log=log,
-        vehicles="|".join(VEHICLES),
-        horizon=f"{HORIZON:g}",
-        max_interval=f"{MAX_INTERVAL:g}",
-        gyro_sigma=f"{math.degrees(Gyro().sigma):g}",
-        gyro_bias=f"{math.degrees(Gyro().bias):g}",
-    )
     plain: dict[str, Any] = {"formatter_class": argparse.RawDescriptionHelpFormatter}
+    text = _help()
     parser = argparse.ArgumentParser(PROGRAM, description=text.partition("\n# ")[0], **plain)
     parser.add_argument("--version", action="version", version=f"d2d {d2d.__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    added = {}
-    for kind, names, title, body in _SECTION.findall(text):
+    added: dict[str, argparse.ArgumentParser] = {}
+    owners: dict[str, list[str]] = {}
+    for kind, among, title, body in _SECTION.findall(text):
+        names, options = among.split(), option_table(body)
         if kind == "command":
             about, _, epilog = body.partition("---\n")
             texts: dict[str, Any] = {"help": title, "description": about, "epilog": epilog}
-            added[names] = commands.add_parser(names, **texts, **plain, allow_abbrev=False)
-            added[names].set_defaults(run=RUN[names], error=added[names].error)
-            _add_files(names, added[names])
+            added[among] = commands.add_parser(among, **texts, **plain, allow_abbrev=False)
+            added[among].set_defaults(run=RUN[among], error=added[among].error, owners=owners)
+            _add_files(among, added[among])
+        elif kind == "options":
+            for name in names:
+                _add(added[name], title, options, "odometry", about=body.partition("--")[0])
         else:
-            for name in names.split():
-                _add(added[name], title, option_table(body), "odometry", about=body)
+            for name in options:
+                owners.setdefault(name, []).extend(map(_flag, names))
+            _add(added["track"], title, options)
+            if "csv" in names:
+                _add(added["calibrate"], title, options, "mounting")
+                of_scans = {name: how for name, how in options.items() if name in OF_SCANS}
+                _add(added["live"], title, of_scans, "mounting")
     return parser
 
 
 def _add_files(command: str, parser: argparse.ArgumentParser) -> None:
-    """Add what a command reads or writes, with the options of the readers."""
-    log = READERS["csv"]
+    """Add what a command reads or writes."""
     files: Options = {
         name: {"metavar": reader.metavar, "help": reader.about, "action": reader.action}
         for name, reader in READERS.items()
@@ -196,19 +239,12 @@ def _add_files(command: str, parser: argparse.ArgumentParser) -> None:
         source = group.add_mutually_exclusive_group(required=True)
         for name, how in files.items():
             source.add_argument(_flag(name), **how)
-        # those of one heading follow each other in the table
-        for heading, readers in itertools.groupby(READERS.values(), lambda reader: reader.heading):
-            of_readers = {name: how for reader in readers for name, how in reader.options.items()}
-            _add(parser, heading, of_readers)
-    elif command == "live":
-        of_scans = {name: log.options[name] for name in ("mounting", *SIGMAS, "degrees")}
-        _add(parser, "options of a scan", of_scans, "mounting")
     elif command == "calibrate":
-        _add(parser, log.heading, {"csv": files["csv"]} | log.options, "csv", *log.needed)
+        _add(parser, "what to read", {"csv": files["csv"]}, "csv")
     elif command == "compare":
         parser.add_argument("track", metavar="TRACK", help="PREFIX.npz")
         parser.add_argument("reference", metavar="REFERENCE", help="as the --odometry of calibrate")
-    else:
+    elif command == "example":
         about = "the CSV file; an existing one is replaced"
         parser.add_argument("file", metavar="FILE", help=about)
 
@@ -217,7 +253,7 @@ def _add(
     parser: argparse.ArgumentParser, heading: str, table: Options, *needed: str, about: str = ""
 ) -> None:
     """Add a group of options, of which some are needed."""
-    group = parser.add_argument_group(heading, about.partition("--")[0].strip() or None)
+    group = parser.add_argument_group(heading, about.strip() or None)
     for name, how in table.items():
         group.add_argument(_flag(name), required=name in needed, **how)
 
@@ -231,8 +267,7 @@ def _check_options(arguments: argparse.Namespace) -> None:
     options, error = vars(arguments), arguments.error
     if arguments.command == "track":
         chosen = next(each for name, each in READERS.items() if options[name] is not None)
-        for name in {name: None for each in READERS.values() for name in each.options}:
-            owners = [_flag(owner) for owner, each in READERS.items() if name in each.options]
+        for name, owners in arguments.owners.items():
             if options[name] is not None and _flag(chosen.name) not in owners:
                 error(f"{_flag(name)} belongs to {' and '.join(owners)}")
         for name in chosen.needed:
@@ -423,7 +458,7 @@ def _write(driven: Track, prefix: Path, *, picture: bool) -> list[Path]:
     return [path for path, content in contents.items() if content is not None]
 
 
-def _write_example(arguments: argparse.Namespace) -> None:
+def _example(arguments: argparse.Namespace) -> None:
     file = arguments.file
     if arguments.real:
         places = (Path(d2d.__file__).parents[1] / "examples", Path(sys.prefix) / "share" / "d2d")
@@ -446,9 +481,5 @@ REAL_OPTIONS = (
     "--mounting radar 3.5 0 0"
 )
 RUN: dict[str, Callable[[Any], int | None]] = {
-    "track": _track,
-    "live": _live,
-    "calibrate": _calibrate,
-    "compare": _compare,
-    "example": _write_example,
+    run.__name__.strip("_"): run for run in (_track, _live, _calibrate, _compare, _example)
 }

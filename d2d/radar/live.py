@@ -64,23 +64,15 @@ def _add(
     """The estimates that a line completes."""
     if not line.strip():
         return []
-    entry = _entry(line)
-    if "yaw_rate" in entry:
-        tracker.add_gyro(*(np.atleast_1d(entry[name]) for name in ("time", "yaw_rate")))
-        return []
-    scan = _scan(entry, degrees, sigmas)
-    return tracker.add(str(entry["sensor"]), scan.within(**gates))
-
-
-def _entry(line: str) -> dict[str, Any]:
     entry = json.loads(line)
     if not isinstance(entry, dict):
         raise ValueError(f"a scan must be an object of JSON, but is {line.strip()[:40]}")
     if "time" in entry:
-        if isinstance(entry["time"], bool):
-            raise ValueError(f"time must be a number, but is {json.dumps(entry['time'])}")
         _TIME.number("time", entry["time"])
-    return entry
+    if "yaw_rate" in entry:
+        tracker.add_gyro(*(np.atleast_1d(entry[name]) for name in ("time", "yaw_rate")))
+        return []
+    return tracker.add(str(entry.get("sensor")), _scan(entry, degrees, sigmas).within(**gates))
 
 
 def _scan(entry: dict[str, Any], degrees: bool, sigmas: dict[str, float]) -> RadarScan:

@@ -28,7 +28,7 @@ from d2d.radar import (
     track,
 )
 from d2d.radar.cli import main
-from d2d.radar.readers.table import usual_sigmas
+from d2d.radar.readers.table import USUAL
 from tests.book import browser, test_labs
 from tools import laboratories
 
@@ -444,9 +444,7 @@ def test_a_radar_is_dragged_to_its_place(hand: Hand):
     assert after[1] > before[1]
     hand.press("Use typical values")
     shown = [float(field.get_attribute("value") or "0") for field in sigmas[:3]]
-    with pytest.warns(UserWarning, match="usual values"):
-        usual = usual_sigmas("log.csv", ())
-    usual["sigma_azimuth"] = np.rad2deg(usual["sigma_azimuth"])
+    usual = USUAL | {"sigma_azimuth": np.rad2deg(USUAL["sigma_azimuth"])}
     assert shown == pytest.approx([usual[name] for name in SIGMAS])
 
 

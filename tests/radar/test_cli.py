@@ -340,7 +340,7 @@ def test_the_help_names_all_readers_and_stays_readable(capsys):
     said = capsys.readouterr().out
     for name, reader in READERS.items():
         assert re.search(rf"--{name} {reader.metavar} +{reader.about}", said)
-        assert all(f"--{option.replace('_', '-')} " in said for option in reader.options)
+        assert all(f"--{option.replace('_', '-')} " in said for option in reader.needed)
     assert max(map(len, said.splitlines())) <= 110
 
 

@@ -11,17 +11,9 @@ from scipy.spatial.transform import Rotation
 
 from d2d._checks import check_path
 from d2d._types import Array
-from d2d.radar.readers.reader import (
-    LOG_OPTIONS,
-    Reader,
-    Source,
-    mountings_of,
-    option_table,
-    options_of,
-)
+from d2d.radar.readers.reader import Reader, Source, mountings_of, options_of
 from d2d.radar.readers.shared import brief, reading, yaw_of
-from d2d.radar.readers.table import TARGET, recognised
-from d2d.radar.readers.targets import scan_of, select, valid
+from d2d.radar.readers.table import TARGET, recognised, scan_of, select, valid
 from d2d.radar.scans.budget import ErrorBudget
 from d2d.radar.scans.reference import Reference
 from d2d.radar.scans.scan import Mounting, RadarScan
@@ -30,11 +22,8 @@ from d2d.radar.tracks.track import Track
 _NANOSECOND = 1e-9  # s
 _UNKNOWN, _PLANAR = 1e6, [0, 1, 5]  # variance; x, y and yaw among x, y, z, roll, pitch, yaw
 _TYPES = {1: "i1", 2: "u1", 3: "<i2", 4: "<u2", 5: "<i4", 6: "<u4", 7: "<f4", 8: "<f8"}
-_PACKAGES = {
-    **dict.fromkeys(("PointCloud2", "Imu"), "sensor_msgs"),
-    **{"RadarScan": "radar_msgs", "Odometry": "nav_msgs"},
-    **{"Header": "std_msgs", "Time": "builtin_interfaces"},
-}
+_PACKAGES = {"PointCloud2": "sensor_msgs", "Imu": "sensor_msgs", "RadarScan": "radar_msgs"}
+_PACKAGES |= {"Odometry": "nav_msgs", "Header": "std_msgs", "Time": "builtin_interfaces"}
 
 
 def _kind(name: str) -> str:
@@ -309,16 +298,4 @@ def _read(path: str, chosen: Mapping[str, Any]) -> Source:
     return sensors, ErrorBudget()
 
 
-READER = Reader(
-    "bag",
-    "a bag of ROS 1 or ROS 2, or an MCAP file",
-    load_bag,
-    LOG_OPTIONS
-    | option_table("""
---topic TOPIC...    of PointCloud2 or RadarScan, one for each sensor
---base-frame FRAME  the vehicle's in /tf_static (default: base_link)
---bag-stamps        take the times at which messages were written, not those of their headers
-"""),
-    ("topic",),
-    _read,
-)
+READER = Reader("bag", "a bag of ROS 1 or ROS 2, or an MCAP file", load_bag, ("topic",), _read)

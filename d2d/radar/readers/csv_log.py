@@ -14,17 +14,9 @@ from numpy.typing import NDArray
 from d2d._checks import NOT_NEGATIVE, check_choice, check_path, check_positive_scalar
 from d2d._types import Array
 from d2d.radar.files import atomic_write
-from d2d.radar.readers.reader import (
-    LOG_OPTIONS,
-    Reader,
-    Source,
-    mountings_of,
-    option_table,
-    options_of,
-)
+from d2d.radar.readers.reader import Reader, Source, mountings_of, options_of
 from d2d.radar.readers.shared import brief
-from d2d.radar.readers.table import TARGET, Table, read_table
-from d2d.radar.readers.targets import scan_of, select, valid
+from d2d.radar.readers.table import TARGET, Table, read_table, scan_of, select, valid
 from d2d.radar.scans.budget import ErrorBudget
 from d2d.radar.scans.scan import ANGLES, MEASURED, SIGMAS, UPWARDS, RadarScan
 
@@ -163,11 +155,9 @@ def _scans(
 def write_csv(path: str | os.PathLike[str], sensors: Mapping[str, Iterable[RadarScan]]) -> None:
     """Write the scans of sensors, by their names, as a CSV file that `load_csv` reads, bit by bit.
 
-    All columns are written, in m, rad and m/s, line by line in time order; elevations only if there
-    are any.  The extent is not, and a scan without targets leaves no line.  An existing file is
-    replaced once all is written; a leading ``~`` stands for the home folder.  Raises a
-    ``ValueError`` if a name is empty or begins or ends with a space, or two scans of a sensor have
-    the same time.
+    All columns but the extent are written, elevations only if there are any; a scan without targets
+    leaves no line.  An existing file is replaced once all is written.  Raises a ``ValueError`` if a
+    name is empty or begins or ends with a space, or two scans of a sensor have the same time.
     """
     for name in sensors:
         if not name or name != name.strip() or not name.isprintable():
@@ -215,19 +205,5 @@ def _read(paths: list[str], chosen: Mapping[str, Any]) -> Source:
 
 
 READER = Reader(
-    "csv",
-    "a log with a line for each target",
-    load_csv,
-    LOG_OPTIONS
-    | option_table("""
---columns PAIRS         what the columns hold, such as time=stamp_ns,azimuth=-angle_rad
---time-unit s|ms|us|ns  of the times
---degrees               azimuths and their standard deviations are in degrees
---scan-gap S            lines that are at most S apart are one scan (default: of equal time)
---skip-invalid          leave out lines without a range, or with a number that is missing or not
-                        finite
-"""),
-    ("mounting",),
-    _read,
-    action="append",
+    "csv", "a log with a line for each target", load_csv, ("mounting",), _read, action="append"
 )

@@ -14,15 +14,7 @@ from d2d._checks import SECONDS, check_path, check_positive_scalar
 from d2d._types import Array
 from d2d.radar.readers import shared
 from d2d.radar.readers.reader import data_set
-from d2d.radar.readers.shared import (
-    MICROSECOND,
-    brief,
-    bytes_of,
-    existing,
-    reading,
-    real_numbers,
-    yaw_of,
-)
+from d2d.radar.readers.shared import MICROSECOND, brief, existing, reading, yaw_of
 from d2d.radar.scans.budget import ErrorBudget
 from d2d.radar.scans.reference import Recording, Reference
 from d2d.radar.scans.scan import BOUNDS, Mounting, RadarScan
@@ -34,7 +26,7 @@ STEP = 0.25  # m/s, to which vx and vy are rounded
 _VALID = (0, 4, 8, 9, 10, 11, 12, 15, 16, 17)
 _UNAMBIGUOUS = 3
 _FIELDS = ("x", "y", "vx", "vy", "rcs", "invalid_state", "ambig_state")
-# Of a PCD file: a text header of lines "KEY value ...", which DATA ends, then the rows.
+# The end of a PCD file's header, which has lines "KEY value ..."; the rows follow.
 _END = re.compile(rb"^DATA[ \t]+(\w+)[ \t]*\r?\n", re.MULTILINE)
 # How many numbers an entry of a table has.
 _NUMBERS = {"translation": 3, "rotation": 4, "pos": 3, "orientation": 4, "vel": 3}
@@ -96,11 +88,7 @@ def load_nuscenes(
     Targets are kept if the radar calls them valid and their velocity unambiguous; the velocity is
     projected onto the line of sight.  The reference's v_y and omega are the derivatives of the
     poses on the CAN bus, or else of those in ``ego_pose.json``.  The defaults are explained under
-    "What the readers of data sets correct".
-
-    Raises a ``FileNotFoundError`` that says which file or folder is missing, or a ``ValueError`` if
-    a file is not one of nuScenes, the tables have no such scene or channel, or an option is out of
-    range.
+    "What the readers of data sets correct".  Raises the errors of `load_radarscenes`.
 
     Parameters
     ----------
@@ -114,8 +102,7 @@ def load_nuscenes(
         On the speed of the CAN bus.  With None, or without a CAN bus, v_x is the derivative of the
         poses too.
     prediction_time : float, s
-        In a turn, omega^2 r times this is taken from the Doppler velocities, with the reference's
-        yaw rate.
+        In a turn, omega^2 r times this is taken from the Doppler velocities.
     stated_mounting : bool
         Whether the mounting angle is the one that the tables state, without `MOUNTING_ERRORS`.
     strongest, **errors
@@ -165,7 +152,7 @@ def _scan(
 def _point_cloud(path: Path) -> dict[str, Array]:
     """Columns of a binary file in the PCD format of the Point Cloud Library, by name."""
     with reading(path, "a binary PCD file of a radar"):
-        content = bytes_of(path)
+        content = shared.bytes_of(path)
         end = _END.search(content)
         if end is None:
             raise ValueError("its header has no line DATA")
@@ -248,8 +235,7 @@ def _rows(folder: Path, name: str, *keys: str) -> list[tuple[Any, ...]]:
     return _parsed(path, keys, os.stat(path).st_mtime_ns)
 
 
-# The tables of the last root, which all of its scenes and radars share: reading those of hundreds
-# of scenes takes longer than all else.
+# All scenes and radars of a root share its tables, whose reading takes longer than all else.
 @lru_cache(maxsize=5)
 def _parsed(path: Path, keys: tuple[str, ...], _changed: int) -> list[tuple[Any, ...]]:
     with reading(path, "a table of nuScenes"):
@@ -259,7 +245,7 @@ def _parsed(path: Path, keys: tuple[str, ...], _changed: int) -> list[tuple[Any,
 def _value(key: str, value: Any) -> Any:
     """An entry of a table: a text, a time in us, or numbers."""
     if key in _NUMBERS:
-        return real_numbers(key, value, _NUMBERS[key])
+        return shared.real_numbers(key, value, _NUMBERS[key])
     if key in ("timestamp", "utime"):
         return shared.whole_number(key, value)
     if not isinstance(value, str):
@@ -288,8 +274,6 @@ def _drive(
         found = f"{len(used)} mountings" if used else "no scan"
         raise ValueError(f"{folder / 'sample_data.json'} has {found} of {channel} in {scene}")
     files = sorted((time * MICROSECOND, name) for *_, time, name in own)
-    if len({time for time, _ in files}) < len(files):
-        raise ValueError(f"{folder / 'sample_data.json'} has two scans with the same time stamp")
     with reading(folder / "calibrated_sensor.json", "a table of nuScenes"):
         (x, y, _), rotation = mountings[used.pop()]
         mounting = Mounting(x, y, float(yaw_of(*rotation)))
@@ -312,12 +296,5 @@ def _corrected(mounting: Mounting, channel: str) -> Mounting:
     return mounting
 
 
-READER = data_set(
-    "nuScenes",
-    load_nuscenes,
-    """
---scene NAME       of a scene of nuScenes, such as scene-0061
---channel NAME...  of its radars, such as RADAR_FRONT
-""",
-    trial=("scene-0061", ("RADAR_FRONT", "RADAR_FRONT_LEFT")),
-)
+_TRIAL = ("scene-0061", ("RADAR_FRONT", "RADAR_FRONT_LEFT"))
+READER = data_set("nuScenes", load_nuscenes, "scene", "channel", _TRIAL)

@@ -48,8 +48,7 @@ def load_reference(path: str | os.PathLike[str], topic: str | None = None) -> Re
 def load_gyro(path: str | os.PathLike[str], topic: str | None = None) -> tuple[Array, Array]:
     """Times (n,) in s and yaw rates (n,) in rad/s of a gyro, for `Gyro`.
 
-    They are those of a file that `load_reference` reads, or of the messages sensor_msgs/Imu of a
-    bag.  Raises a ``ValueError`` that names file and line if it is neither.
+    The file is one that `load_reference` reads, or a bag with messages sensor_msgs/Imu.
     """
     source = check_path("path", path)
     bag = is_bag(source)

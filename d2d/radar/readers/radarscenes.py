@@ -20,8 +20,8 @@ from d2d.radar.scans.scan import BOUNDS, MEASURED, Mounting, RadarScan
 
 SLIP = SlipLaw(ahead=0.0, compliance=0.0045)
 
-# Fitted to the errors of all four sensors together in sequence 105, by maximum likelihood (azimuth
-# 0.10 deg, Doppler 0.040 m/s).  These cannot tell the two apart; sensor 3 alone has 0.2 deg there.
+# Fitted to the errors of all four sensors together in sequence 105, by maximum likelihood, which
+# cannot tell azimuth (0.10 deg) and Doppler (0.040 m/s) apart; sensor 3 alone has 0.2 deg.
 # So the azimuth is as large as costs the four at most 0.05 of their log score.
 RADARSCENES_BUDGET = ErrorBudget(
     azimuth=float(np.deg2rad(0.15)),
@@ -60,9 +60,7 @@ def load_radarscenes(
 ) -> Recording:
     """Read one sensor's scans of one sequence, with the budget `RADARSCENES_BUDGET`.
 
-    Targets without a valid place or Doppler velocity are left out.  The defaults are explained
-    under "What the readers of data sets correct".
-
+    The defaults are explained under "What the readers of data sets correct".
     Raises a ``FileNotFoundError`` that says which file or folder is missing, or a ``ValueError`` if
     a file is not one of RadarScenes, has no such sensor, or an option is out of range.
 
@@ -196,12 +194,4 @@ def _reference(times: Array, odometry: Table, offset: float) -> Reference:
     return Reference(times, driven.theta, driven.poses)
 
 
-READER = data_set(
-    "RadarScenes",
-    load_radarscenes,
-    """
---sequence NUMBER  of the sequence of RadarScenes
---sensor N...      of RadarScenes, 1 to 4
-""",
-    trial=("105", (1, 2, 3, 4)),
-)
+READER = data_set("RadarScenes", load_radarscenes, "sequence", "sensor", ("105", (1, 2, 3, 4)))

@@ -37,10 +37,7 @@ def errors_at(azimuth: Array, errors: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def yaw_of(w: Array, x: Array, y: Array, z: Array) -> Array:
-    """Direction (...) of the x axis in the plane, of quaternions that need not be normalised.
-
-    Raises a ``ValueError`` if one is zero.
-    """
+    """Direction (...) of the x axis in the plane, of quaternions that need not be normalised."""
     size = np.abs([w, x, y, z]).max(axis=0)
     if not np.all(size > 0.0):
         raise ValueError("a quaternion must not be zero")
@@ -49,10 +46,7 @@ def yaw_of(w: Array, x: Array, y: Array, z: Array) -> Array:
 
 
 def existing(folder: Path, name: str, what: str) -> Path:
-    """The path of a file or folder; raises a FileNotFoundError that says ``what`` it should be.
-
-    Raises a ValueError if the name, which a file may have given, leads out of the folder.
-    """
+    """The path of a file or folder, which must exist; ``what`` it should be is for messages."""
     if os.path.isabs(name) or ".." in Path(name).parts or "\0" in name:
         raise ValueError(f"{brief(name)} must be {what}, but is not a name inside {folder}")
     path = folder / name

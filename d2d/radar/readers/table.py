@@ -1,14 +1,15 @@
-"""Tables of numbers as text, compressed or not, or as Parquet: columns by name, sign and unit."""
+"""Tables as text, compressed or not, or as Parquet: columns by name, sign and unit, and targets."""
 
 import csv
 import gzip
 import io
 import math
 import re
+import warnings
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +17,10 @@ from numpy.typing import NDArray
 from d2d._checks import FINITE
 from d2d._types import Array
 from d2d.radar.readers.shared import brief, bytes_of, reading
-from d2d.radar.scans.scan import ANGLES, BOUNDS
+from d2d.radar.scans.scan import ANGLES, BOUNDS, MEASURED, RadarScan
 
-_COMPRESSION = 200  # times the size of a gzip file that its text may have; logs have some 10
+Mask = NDArray[np.bool_]
+
 _TIMES = {"ns": 1e-9, "us": 1e-6, "ms": 1e-3, "s": 1.0, "sec": 1.0, "nsec": 1e-9}
 _LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "km": 1e3}
 _SPEEDS = {"m_per_s": 1.0, "mps": 1.0, "m_s": 1.0, "kmh": 1 / 3.6, "km_h": 1 / 3.6}
@@ -51,6 +53,8 @@ _HINT = "; are these degrees (degrees=True, on the command line --degrees)?"
 _FASTEST = FINITE._replace(
     most=2.0 * np.pi, unit="in rad/s, ", hint="; are these deg/s (column yaw_rate_deg)?"
 )
+# Between those that RadarScenes, nuScenes and the thesis's radar have.
+USUAL = {"sigma_range": 0.15, "sigma_azimuth": math.radians(0.5), "sigma_doppler": 0.06}
 _BOUNDS = BOUNDS | {name: BOUNDS[name]._replace(hint=_HINT) for name in ANGLES}
 _BOUNDS |= {"yaw_rate": _FASTEST}
 
@@ -95,7 +99,7 @@ class Table(NamedTuple):
             found[name] = values if dates else values * factor
         return found
 
-    def check(self, columns: Mapping[str, Array], used: NDArray[np.bool_] | bool = True) -> None:
+    def check(self, columns: Mapping[str, Array], used: Mask | bool = True) -> None:
         """Raise a ValueError that names the first line with a number that is out of bounds."""
         wrong = {
             int(np.argmax(bad)): name
@@ -197,10 +201,7 @@ def decoded(path: Path) -> str:
     raw = bytes_of(path)
     if raw[:2] == b"\x1f\x8b":
         with reading(path, "a complete gzip file"):
-            most = _COMPRESSION * len(raw)
-            raw = gzip.GzipFile(fileobj=io.BytesIO(raw)).read(most + 1)
-            if len(raw) > most:
-                raise ValueError(f"it holds over {most} bytes, too many for its size")
+            raw = gzip.decompress(raw)
     if raw[:4] == b"PAR1":
         with reading(path, "a Parquet file that pandas and pyarrow read"):
             import pandas
@@ -239,3 +240,71 @@ def number(name: str, text: str, convert: Callable[[str], float] = _float) -> fl
 def _plain(name: str) -> str:
     """A column's name in small letters, with _ for spaces and for brackets around a unit."""
     return re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_") or name.strip().lower()
+
+
+# ---- The targets of logs
+
+
+def valid(columns: Mapping[str, Array]) -> Mask:
+    """Mask of the targets that have all numbers, and a place that is not the sensor's."""
+    away = (
+        columns["range"] > 0.0 if "range" in columns else (columns["x"] != 0) | (columns["y"] != 0)
+    )
+    return np.asarray(away & np.isfinite(np.stack([*columns.values()])).all(axis=0))
+
+
+def select(
+    where: str,
+    what: str,
+    columns: dict[str, Array],
+    kept: Mask,
+    sigmas: dict[str, float],
+    min_snr: float | None,
+) -> tuple[dict[str, Array], Mask]:
+    """The columns with the standard deviations of all targets, and a mask of the targets to use.
+
+    Warnings count what is not ``kept``, and tell of standard deviations that are not known: usual
+    ones are taken, although Doppler velocities may be rounded to steps for which these are small.
+    """
+    lost, used = int((~kept).sum()), kept
+    if lost:
+        warnings.warn(
+            f"{where}: {lost} of {len(kept)} {what} are left out, because a number is missing or "
+            "not finite, or the range is not positive",
+            stacklevel=3,
+        )
+    if min_snr is not None:
+        if "snr" not in columns:
+            raise ValueError(f"{where} has no column snr, which min_snr needs")
+        used = kept & (columns["snr"] >= FINITE.number("min_snr", min_snr))
+    taken = {name: sigma for name, sigma in USUAL.items() if name not in columns.keys() | sigmas}
+    if taken:
+        distinct = np.unique(np.round(columns["doppler"][kept], 6))
+        steps = np.diff(distinct) if 1 < len(distinct) < kept.sum() / 10 else np.zeros(1)
+        step, rounded = steps.min(), ""
+        if step / math.sqrt(12.0) > taken.get("sigma_doppler", math.inf):
+            rounded = (
+                f"; Doppler velocities come in steps of {step:.3g} m/s, so that --sigma-doppler "
+                f"must be at least {step / math.sqrt(12.0):.2g}"
+            )
+        warnings.warn(
+            f"{where} has no {', '.join(sorted(taken))}: usual values are taken out of 0.15 m, 0.5 "
+            "deg, 0.06 m/s; --sigma-range, --sigma-azimuth and --sigma-doppler state those of your "
+            f"radar, on which the covariances rest{rounded}",
+            stacklevel=3,
+        )
+    stated = {name: np.full(len(kept), sigma) for name, sigma in (sigmas | taken).items()}
+    return columns | stated, used
+
+
+def scan_of(time: float, columns: Mapping[str, Any]) -> RadarScan:
+    """The scan of targets that have range and azimuth, or else x and y, and perhaps a height."""
+    errors: dict[str, Any] = {n: c for n, c in columns.items() if n.startswith("sigma_")}
+    if not {"range", "azimuth"} <= columns.keys():
+        place = columns["x"], columns["y"], columns.get("z")
+        return RadarScan.from_cartesian(time, *place, doppler=columns["doppler"], **errors)
+    elevation = columns.get("elevation")
+    if elevation is None and "z" in columns:
+        elevation = np.arcsin(np.clip(columns["z"] / columns["range"], -1.0, 1.0))
+    measured = (columns[name] for name in MEASURED)
+    return RadarScan(time, *measured, **errors, elevation=elevation)
