@@ -275,7 +275,7 @@ class RadarScan(Frozen):
         """
         check_positive_scalar("interval", interval)
         scan, mounting = level(self, mounting)
-        gain, slope = doppler_gradients(scan.azimuth, mounting)
+        gain, slope = _gradients(*_direction(scan, mounting), mounting)
         return LinearMeasurement._made(
             scan.doppler if ahead is None else scan.doppler - gain @ ahead,
             scan.sigma_doppler,
@@ -342,25 +342,39 @@ def _sight(azimuth: Array, elevation: Array | float = 0.0) -> Array:
 @lru_cache(maxsize=64)
 def _placed(scan: RadarScan, mounting: Mounting) -> PointSet:
     """The scan's point set, cached because a drive uses it in several pairs."""
-    polar, angle = (scan.range, scan.sigma_range, scan.sigma_azimuth), scan.azimuth + mounting.yaw
-    direction = read_only(np.cos(angle), -1), read_only(np.sin(angle), -1)
-    return PointSet._of_polar(polar, direction, scan.extent, mounting.pose[:2])
+    polar = scan.range, scan.sigma_range, scan.sigma_azimuth
+    return PointSet._of_polar(polar, _direction(scan, mounting), scan.extent, mounting.pose[:2])
+
+
+@lru_cache(maxsize=64)
+def _direction(scan: RadarScan, mounting: Mounting) -> tuple[Array, Array]:
+    """Cosine and sine (K,) of the targets' azimuths in the vehicle frame."""
+    angle = scan.azimuth + mounting.yaw
+    return read_only(np.cos(angle), -1), read_only(np.sin(angle), -1)
 
 
 @lru_cache(maxsize=64)
 def cross_range(scan: RadarScan, mounting: Mounting) -> Array:
     """Derivative (K, 2) of each target's position in its azimuth, in m/rad in the vehicle frame."""
     means = _placed(scan, mounting).means
-    slope = np.stack([mounting.y - means[:, 1], means[:, 0] - mounting.x], axis=-1)
+    slope = np.empty_like(means)
+    slope[:, 0], slope[:, 1] = mounting.y - means[:, 1], means[:, 0] - mounting.x
     return read_only(slope, -1, 2)
 
 
 def doppler_gradients(azimuth: Array, mounting: Mounting) -> tuple[Array, Array]:
     """dV/dtheta and d^2V/(dphi dtheta), each (..., 3), of a static target at ``azimuth`` (...)."""
     angle = azimuth + mounting.yaw
-    cosine, sine = np.cos(angle), np.sin(angle)
-    gain = np.stack([-cosine, -sine, mounting.y * cosine - mounting.x * sine], axis=-1)
-    slope = np.stack([sine, -cosine, -mounting.y * sine - mounting.x * cosine], axis=-1)
+    return _gradients(np.cos(angle), np.sin(angle), mounting)
+
+
+def _gradients(cosine: Array, sine: Array, mounting: Mounting) -> tuple[Array, Array]:
+    """The gradients for a direction in the vehicle frame, as `doppler_gradients`."""
+    gain, slope = np.empty((2, *cosine.shape, 3))
+    gain[..., 0], gain[..., 1] = -cosine, -sine
+    gain[..., 2] = mounting.y * cosine - mounting.x * sine
+    slope[..., 0], slope[..., 1] = sine, -cosine
+    slope[..., 2] = -mounting.y * sine - mounting.x * cosine
     return gain, slope
 
 
