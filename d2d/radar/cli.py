@@ -49,13 +49,11 @@ from d2d.radar.tracks.tracker import Tracker, track
 PROGRAM = "python -m d2d.radar"
 
 # Limits of vehicles that are not a car's.
+ROBOT = {"speed": 10.0, "yaw_rate": 6.0, "yaw_acceleration": 15.0, "uncertainty": 0.3}
 VEHICLES: dict[str, dict[str, float]] = {
     "car": {},
-    "robot": {"speed": 10.0, "yaw_rate": 6.0, "yaw_acceleration": 15.0, "uncertainty": 0.3},
-    "omni": {
-        **{"speed": 30.0, "yaw_rate": 6.0, "yaw_acceleration": 15.0, "uncertainty": 0.3},
-        "yaw_rate_of_slip": math.inf,
-    },
+    "robot": ROBOT,
+    "omni": ROBOT | {"speed": 30.0, "yaw_rate_of_slip": math.inf},
     "train": {"speed": 150.0, "yaw_rate": 0.3, "acceleration": 4.0, "yaw_acceleration": 0.3},
 }
 GATES = ("range", "azimuth", "elevation")

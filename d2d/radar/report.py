@@ -56,12 +56,11 @@ def _drawn(sensors: Mapping[str, SensorScans], driven: Track) -> Figure:
     for ax, (name, sensor) in zip(axes[:, 0], sensors.items(), strict=True):
         azimuth, residual = residuals_of(sensor, driven)
         step = np.round(azimuth / _BIN)
-        for place in np.unique(step):
-            own = residual[step == place]
-            if len(own) >= _FEW:
-                low, middle, high = np.quantile(own, [0.25, 0.5, 0.75])
-                at = np.rad2deg(place * _BIN)
-                ax.errorbar(at, middle, [[middle - low], [high - middle]], fmt="o", color="#0072B2")
+        groups = [(np.rad2deg(at * _BIN), residual[step == at]) for at in np.unique(step)]
+        many = {at: own for at, own in groups if len(own) >= _FEW}
+        ax.boxplot(
+            [*many.values()], positions=[*many], widths=2.0, whis=0.0, sym="", manage_ticks=False
+        )
         ax.axhline(0.0, color="black", lw=0.8)
         ax.set(title=name, xlabel="azimuth (°)", ylabel="residual (m/s)")
     return figure

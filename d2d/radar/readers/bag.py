@@ -66,8 +66,7 @@ def load_bag(
     stated, found = dict(mountings or {}), {}
     for topic in topics:
         scans, frame = _scans(source, topic, bag_stamps, min_snr, sigmas)
-        mounting = stated.get(topic) or _mounting(source, frame, base_frame)
-        found[topic] = scans, mounting
+        found[topic] = scans, stated.get(topic) or _mounting(source, frame, base_frame)
     return found
 
 
@@ -175,10 +174,10 @@ def _columns(clouds: Sequence[Mapping[str, Array]]) -> dict[str, Array]:
     """The quantities of all targets, one cloud after the other."""
     if not clouds:
         raise ValueError("it has no message")
-    ways = {name: recognised(name, clouds[0].keys()) for name in TARGET}
+    ways = ((name, recognised(name, clouds[0].keys())) for name in TARGET)
     columns = {
         name: way.factor * np.concatenate([cloud[way.name] for cloud in clouds])
-        for name, way in ways.items()
+        for name, way in ways
         if way is not None
     }
     if "doppler" not in columns or not ({"x", "y"} <= columns.keys() or "azimuth" in columns):

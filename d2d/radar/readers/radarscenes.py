@@ -73,8 +73,7 @@ def load_radarscenes(
     strongest : int, optional
         Keep only this many targets of each scan, those of largest radar cross-section.
     time_offset : float, s
-        Delay of the radar's time stamps: a scan at t shows the motion of the odometry at t -
-        time_offset.
+        Delay of the radar's time stamps: a scan at t shows the motion at t - time_offset.
     slip : SlipLaw
         Of the lateral velocity, which the odometry has not.
     side_slip : float, s, optional
@@ -96,11 +95,13 @@ def load_radarscenes(
     targets, odometry = _tables(path)
 
     scans = [_scan(path, entry, targets, sensor, strongest, errors) for entry in listed]
-    reference = _reference(np.array([scan.time for scan in scans]), odometry, time_offset)
-    v_x, omega = reference.theta[:, 0], reference.theta[:, 2]
-    reference.theta[:, 1] = (
-        slip.lateral(v_x, omega) if side_slip is None else side_slip * v_x * omega
-    )
+    times = np.array([scan.time for scan in scans])
+    x, y, yaw, v_x, omega = (odometry[field].astype(np.float64) for field in _ODOMETRY_FIELDS[1:])
+    theta, poses = np.column_stack([v_x, 0.0 * v_x, omega]), np.column_stack([x, y, yaw])
+    driven = Reference(odometry["timestamp"] * MICROSECOND, theta, poses).at(times - time_offset)
+    v_x, _, omega = driven.theta.T
+    v_y = slip.lateral(v_x, omega) if side_slip is None else side_slip * v_x * omega
+    reference = Reference(times, np.column_stack([v_x, v_y, omega]), driven.poses)
     return Recording(scans, mounting, reference, RADARSCENES_BUDGET)
 
 
@@ -184,14 +185,6 @@ def _scan(
     distance, azimuth, doppler = (column[keep] for column in columns)
     sigmas = shared.errors_at(azimuth, errors)
     return RadarScan(stamp * MICROSECOND, distance, azimuth, doppler, **sigmas)
-
-
-def _reference(times: Array, odometry: Table, offset: float) -> Reference:
-    """The odometry at the times of the scans less the offset, with a lateral velocity of zero."""
-    x, y, yaw, v_x, omega = (odometry[field].astype(np.float64) for field in _ODOMETRY_FIELDS[1:])
-    theta, poses = np.column_stack([v_x, 0.0 * v_x, omega]), np.column_stack([x, y, yaw])
-    driven = Reference(odometry["timestamp"] * MICROSECOND, theta, poses).at(times - offset)
-    return Reference(times, driven.theta, driven.poses)
 
 
 READER = data_set("RadarScenes", load_radarscenes, "sequence", "sensor", ("105", (1, 2, 3, 4)))

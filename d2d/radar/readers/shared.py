@@ -79,10 +79,8 @@ def brief(text: object, most: int = 300) -> str:
 
 def whole_number(name: str, value: object) -> int:
     """A whole number of a JSON file; raises a ValueError if it is something else."""
-    if isinstance(value, bool) or not isinstance(value, int):
+    if isinstance(value, bool) or not isinstance(value, int) or abs(value) > _LARGEST:
         raise ValueError(f"{name} must be a whole number, but is {brief(repr(value))}")
-    if abs(value) > _LARGEST:
-        raise ValueError(f"{name} must be at most {_LARGEST}, but is larger")
     return value
 
 
