@@ -271,17 +271,17 @@ def charts(rows: Sequence[Row]) -> None:
     _save(figure, "benchmarks.png")
 
     shown = [size for size in (8, 48, 200) if size in sizes]
-    figure, axes = plt.subplots(len(shown), figsize=(5.0, 6.6), sharex=True, squeeze=False)
+    shared: dict[str, Any] = {"sharex": True, "sharey": True, "squeeze": False}
+    figure, axes = plt.subplots(len(shown), figsize=(5.0, 6.6), **shared)
     for ax, size in zip(axes[:, 0], shown, strict=True):
         for cost, name, look in _looks(batches=True):
-            row = find(rows, size, "truth", cost, name)
-            if row:
+            if row := find(rows, size, "truth", cost, name):
                 ax.plot(1e6 * row.best, row.accuracy.over_floor, **look | {"ls": "none"})
         ax.set(xscale="log", yscale="log", ylabel="RMSE over floor", title=f"{size} targets")
-        write_out_ticks(ax.yaxis, [1, 2, 5])
+    write_out_ticks(axes[0, 0].yaxis, ratios)
     axes[-1, 0].set_xlabel("time of a registration (µs)")
     handles = axes[0, 0].get_legend_handles_labels()
-    figure.legend(*handles, loc="outside lower center", ncols=2)
+    figure.legend(*handles, loc="outside lower center", ncols=2, labelcolor="linecolor")
     headline(figure, "Fast and accurate is at the lower left: d2d in a batch")
     letter_panels(axes)
     _save(figure, "benchmarks_accuracy.png")

@@ -19,6 +19,7 @@ TILE = (2.6, 2.0)  # inches: three beside each other on the first pages
 STATIC = Path(__file__).resolve().parents[1] / "_static"
 ROBUST = COSTS["robust"]
 SCENES = [scene.name.replace("outliers and clusters", "both,") for scene in scenarios.ALL]
+ROWS = np.arange(len(SCENES))[::-1]
 
 
 def share_from_zero(scene: scenarios.Scenario, scales: tuple[float, ...]) -> float:
@@ -30,47 +31,46 @@ def share_from_zero(scene: scenarios.Scenario, scales: tuple[float, ...]) -> flo
 def start() -> Figure:
     """Share of runs that find the truth from zero, without a schedule and with two schedules."""
     schedules = {"plain": (1.0,), "scales 4, 2, 1": (4.0, 2.0, 1.0), "scales 10 … 1": ANNEALED}
-    figure, ax = plt.subplots(figsize=(5.0, 3.0))
+    figure, ax = plt.subplots(figsize=(5.0, 3.8))
     for i, (name, scales) in enumerate(schedules.items()):
-        shares = [share_from_zero(scene, scales) for scene in scenarios.ALL]
+        shares = [100 * share_from_zero(scene, scales) for scene in scenarios.ALL]
         color = (grammar.GREY, grammar.YELLOW, grammar.COSTS["robust"].color)[i]
-        bars = ax.bar(np.arange(5) + 0.28 * (i - 1), shares, 0.26, color=color, label=name)
-        ax.bar_label(bars, [f"{100 * share:.0f}" for share in shares], fontsize=9)
-    ax.set_xticks(np.arange(5), SCENES)
-    ax.set_ylabel("share at the truth")
-    ax.set_ylim(0, 1.1)
-    figure.legend(loc="outside upper center", ncols=3)
+        heights = ROWS + 0.26 * (1 - i)
+        ax.plot(shares, heights, "vPo"[i], color=color, label=name)
+        for share, height in zip(shares, heights, strict=True):
+            drawing.label(ax, (share, height), f"{share:.0f}", color, (5, -3))
+    ax.set_yticks(ROWS, SCENES)
+    ax.set(xlabel="runs at the truth (%)", xlim=(-2, 108), xticks=range(0, 101, 25))
+    figure.legend(loc="outside lower center", ncols=3, labelcolor="linecolor")
+    style.headline(figure, "Only the long schedule brings every run to the truth")
     return figure
 
 
 def summing() -> Figure:
     """The errors of the three costs in every scene, and how credible their covariances are."""
-    figure, axes = plt.subplots(1, 2, figsize=(5.0, 2.8), sharey=True)
-    rows = np.arange(5)[::-1]
+    figure, axes = plt.subplots(1, 2, figsize=(5.0, 3.3), sharey=True)
     for name, shift in zip(grammar.COSTS, (0.22, 0.0, -0.22), strict=True):
-        marks, heights = grammar.COSTS[name].marks, rows + shift
+        marks, heights = grammar.COSTS[name].marks, ROWS + shift
         results = [monte_carlo(scene, COSTS[name]) for scene in scenarios.ALL]
         errors = [np.sqrt(np.mean(np.sum(run.errors[:, :2] ** 2, axis=1))) for run in results]
         axes[0].plot(errors, heights, **marks)
         axes[1].plot([run.credibility.anees for run in results], heights, **marks)
-    axes[0].set_yticks(rows, SCENES)
-    axes[0].set_xlabel("RMSE (m)")
-    axes[0].set_xlim(0, None)
+    axes[0].set_yticks(ROWS, SCENES)
+    axes[0].set(xlabel="RMSE (m)", xlim=(0, None), title="error")
     axes[1].axvline(1.0, **grammar.TRUTH)
-    axes[1].set_xscale("log")
-    axes[1].set_xlabel("ANEES, 1 is credible")
+    axes[1].set(xscale="log", xlabel="ANEES", title="stated too large ◂ 1 ▸ too small")
+    style.write_out_ticks(axes[1].xaxis, (0.1, 1, 10, 100))
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
+    style.headline(figure, "Only the robust likelihood is right in every scene")
     style.letter_panels(axes)
-    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
     return figure
 
 
 def _share_bars(ax: Axes, shares: dict[str, float], colors: list[str], label: str) -> None:
     """A bar for each share, with its number."""
-    bars = ax.bar(list(shares), list(shares.values()), 0.6, color=colors)
-    texts = [f"{100 * share:.0f} %" for share in shares.values()]
-    ax.bar_label(bars, texts, padding=4, bbox={"color": "white", "pad": 1}, zorder=3)
-    ax.set(ylim=(0.0, 1.15), yticks=[0.0, 0.5, 1.0], yticklabels=["0", "50 %", "100 %"])
-    ax.set_ylabel(label)
+    bars = ax.bar(list(shares), 100.0 * np.array([*shares.values()]), 0.6, color=colors)
+    ax.bar_label(bars, fmt="%.0f %%", padding=4, bbox={"color": "white", "pad": 1}, zorder=3)
+    ax.set(ylim=(0, 115), yticks=[0, 50, 100], yticklabels=["0", "50 %", "100 %"], ylabel=label)
 
 
 def start_tile() -> Figure:
@@ -106,8 +106,8 @@ def road_tile() -> Figure:
     shares = {words: found[name]["inside"] for words, name in names.items()}
     colors = [grammar.COVARIANCES[name].color for name in names.values()]
     _share_bars(ax, shares, colors, "in the 95 % region")
-    ax.set(yticks=[0.0, 0.5, 0.95], yticklabels=["0", "50 %", "95 %"])
-    ax.axhline(0.95, **grammar.TRUTH)
+    ax.set(yticks=[0, 50, 95], yticklabels=["0", "50 %", "95 %"])
+    ax.axhline(95.0, **grammar.TRUTH)
     return figure
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.image import AxesImage
+from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 
 from d2d.study.beyond.exhaustive import ANNEALING, select
@@ -81,8 +82,8 @@ def start_map(ax: Axes, rows: pd.DataFrame, cost: str, scales: str, title: str) 
     chosen = select(rows, "start", cost=cost, scales=scales)
     shares = 100.0 * chosen.pivot_table("success", "turn_deg", "distance_m")
     image = ax.imshow(shares, vmin=0, vmax=100, aspect="auto", origin="lower", cmap=SHARE_MAP)
-    lines = ax.contour(shares, [50.0, 90.0], colors=PINK, linewidths=1.2)
-    ax.clabel(lines, fontsize=9, fmt="%g %%")
+    lines = ax.contour(shares, [50.0, 90.0], colors="white", linestyles=["--", "-"])
+    lines.set_path_effects([withStroke(linewidth=3.0, foreground=BLACK)])
     ax.grid(False)
     columns = range(0, len(shares.columns), 2)
     ax.set_xticks(columns, [f"{shares.columns[column]:g}" for column in columns])

@@ -95,7 +95,7 @@ def _arrow(ax: Axes, start: Any, end: Any, color: str, **style: Any) -> None:
 
 def platform(ax: Axes, mounting: Mounting, sensor: Sensor) -> None:
     """The robot from above, a metre long, with its radar and a part of its view."""
-    view_length = 2.2  # m
+    view_length = 2.8  # m
     for side in (-0.34, 0.34):
         for wheel in (-0.35, 0.0, 0.35):
             corner = (wheel - 0.13, side - 0.06)
@@ -202,7 +202,8 @@ def velocity_ellipses(ax: Axes, estimates: Mapping[str, Estimate], theta: Array)
         panel.plot(*theta[:2], "+", color=BLACK, ms=9)
         panel.autoscale_view()
     label(inset, theta[:2], "truth", BLACK, (20, -12))
-    ax.set(xlabel="$v_x$ (m/s)", ylabel="$v_y$ (m/s)", aspect="equal", adjustable="datalim")
+    ax.set(xlabel="$v_x$ (m/s)", ylabel="$v_y$ (m/s)", xticks=[0, 2, 4])
+    ax.set_aspect("equal", adjustable="datalim")
     low, high = ax.get_xlim()
     ax.update_datalim([(low + 2.6 * (high - low), theta[1])])  # room for the inset
     ax.autoscale_view()

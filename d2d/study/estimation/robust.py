@@ -53,12 +53,12 @@ def draw_terms(axes: Sequence[Axes], translations: Array, terms: Terms) -> None:
     panels = {
         "cost": {"": terms.value},
         "gradient (1/m)": {
-            "gradient": gradient,
+            "all": gradient,
             "inliers' part": terms.inliers,
             "outliers' part": terms.outliers,
         },
         "Hessian (1/m²)": {
-            "Hessian": hessian,
+            "all": hessian,
             "mean curvature": terms.curvature,
             "−spread of pulls": -terms.spread,
         },
@@ -73,7 +73,7 @@ def draw_terms(axes: Sequence[Axes], translations: Array, terms: Terms) -> None:
             above = (1.0, 1.0)
             ax.legend(loc="lower right", bbox_to_anchor=above, borderaxespad=0.0, ncols=3, **short)
         ax.axvline(TRUE_TRANSLATION, **TRUTH)
-        ax.set_ylabel(name)
+        ax.set_title(name)
         ax.margins(x=0.0)
     axes[-1].set_xlabel("$t_x$ (m)")
 

@@ -78,4 +78,3 @@ def draw_stated_sigmas(axes: Sequence[Axes], rows: dict[str, list[Row]]) -> None
     axes[2].set_yscale("log")
     write_out_ticks(axes[2].yaxis, (0.5, 1, 2, 5, 10))
     axes[0].set_ylabel("relative to the true values")
-    axes[1].legend()

@@ -161,15 +161,3 @@ def targets_and_fusions(
     headline(figure, finding)
     letter_panels(axes)
     return found
-
-
-def log_axis(
-    ax: Axes,
-    translations: Array,
-    cost: RegistrationCost,
-    sets: tuple[PointSet, PointSet],
-    **style: Any,
-) -> None:
-    """Draw the decimal logarithm of the fused density, to show how small it is."""
-    values = log_surface(cost, translations, *sets) / np.log(10.0)
-    surface(ax, translations, values, ylabel="log₁₀ of the density", **style)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from d2d._types import Array
 from d2d.cost import RegistrationCost
 from d2d.point_set import PointSet
-from d2d.study.book.drawing import ellipses, error_bands
+from d2d.study.book.drawing import ellipses, error_bands, label
 from d2d.study.book.grammar import (
     BLACK,
     COST_MAP,
@@ -55,14 +55,17 @@ def one_draw(scenario: Scenario, seed: int = 1) -> tuple[PointSet, PointSet]:
 
 
 def cost_panels(
-    scenario: Scenario, sets: tuple[PointSet, PointSet], costs: Mapping[str, RegistrationCost]
+    scenario: Scenario,
+    sets: tuple[PointSet, PointSet],
+    costs: Mapping[str, RegistrationCost],
+    finding: str,
 ) -> None:
     """Draw a map of each cost over the translation, and all costs over the rotation in one panel.
 
     There are two figures: for a phone, and as wide as the page.
     """
-    for layout, size in (("ab;cd", (5.0, 5.3)), ("abc;ddd", (PAGE, 4.8))):
-        figure, panels = plt.subplot_mosaic(layout, figsize=size)
+    for layout, size, high in (("ab;cd", (5.0, 5.6), 1.0), ("abc;ddd", (PAGE, 5.2), 1.7)):
+        figure, panels = plt.subplot_mosaic(layout, figsize=size, height_ratios=(high, 1.0))
         *maps, cuts = panels.values()
         for letter, ax, (name, cost) in zip("abc", maps, costs.items(), strict=True):
             surface = translation_surface(cost, *sets, scenario.theta, OFFSETS)
@@ -70,14 +73,14 @@ def cost_panels(
             profile = rotation_profile(cost, *sets, scenario.theta, ROTATIONS)
             above = np.maximum(profile.max() - profile, LOWEST_COST)
             cuts.plot(np.rad2deg(ROTATIONS), above, **cost_line(name))
-            cuts.text(
-                -39.0, 1.4 * above[:60].max(), LOOKS[name].name, color=LOOKS[name].color, size=9
-            )
+            where = -39.0, 1.4 * above[:60].max()
+            label(cuts, where, LOOKS[name].name, LOOKS[name].color, (0, 0))
         cuts.axvline(0.0, **TRUTH)
         cuts.set(yscale="log", ylim=(LOWEST_COST, 2e4), title="(d) over the rotation")
         cuts.set(xlabel="φ − truth (°)", ylabel="−log density")
         cuts.margins(x=0.0)
         cost_bar(figure, mesh, maps)
+        headline(figure, finding)
 
 
 def error_panels(
@@ -98,21 +101,22 @@ def error_panels(
     letter_panels(axes)
 
 
-def bounds_columns(scenario: Scenario, names: Sequence[str]) -> None:
+def bounds_columns(scenario: Scenario, names: Sequence[str], finding: str) -> None:
     """Errors of 200 runs over three stated sigmas, a column per cost, for phone and page."""
     results = [evaluated(scenario, COSTS[name]) for name in names]
     sigmas = [
         np.sqrt(np.diagonal(r.covariances, axis1=1, axis2=2)) * IN_LABEL_UNITS for r in results
     ]
     limits = 4.5 * np.max([np.nanmedian(s, axis=0) for s in sigmas], axis=0)
-    for size in ((5.0, 5.2), (PAGE, 4.2)):
-        axes = plt.subplots(3, len(names), sharex=True, sharey="row", figsize=size)[1]
+    for size in ((5.0, 5.4), (PAGE, 4.4)):
+        figure, axes = plt.subplots(3, len(names), sharex=True, sharey="row", figsize=size)
         for column, result, sigma in zip(axes.T, results, sigmas, strict=True):
             errors = result.errors[:200] * IN_LABEL_UNITS
             for k, ax in enumerate(column):
                 ax.set_ylim(-limits[k], limits[k])
                 error_bands(ax, np.arange(200.0), errors[:, k], sigma[:200, k], *LABELS[k])
             column[2].set_xlabel("run")
+        headline(figure, finding)
         _head_columns(axes, names)
 
 
@@ -130,16 +134,17 @@ def credibility_columns(scenario: Scenario, names: Sequence[str], finding: str) 
         bars: dict[str, Any] = {"color": LOOKS[name].color, "alpha": 0.6}
         column[0].hist(np.clip(result.nees, edges[0], edges[-1]), edges, **bars)
         expected = len(result.nees) * np.diff(scipy.special.chdtr(3, edges))
-        column[0].stairs(expected, edges, color=BLACK)
+        column[0].stairs(expected, edges, color=BLACK, label="credible")
         column[0].set(xscale="log", xlabel="NEES", ylabel="runs")
+        column[0].margins(y=0.25)
         decibels = 10.0 * np.log10(result.ratio)
         column[1].hist(np.clip(decibels, ratios[0], ratios[-1]), ratios, **bars)
         column[1].axvline(0.0, **TRUTH)
         column[1].axvline(result.inclination, color=BLACK, lw=1.2)
         mean = f"{round(result.inclination, 1) + 0.0:+.1f} dB".replace("-", "−")
-        column[1].text(0.04, 0.9, mean, transform=column[1].transAxes)
+        column[1].set_title(f"mean {mean}", loc="center")
         column[1].set(xlabel="ratio (dB)", ylabel="runs", xticks=[-20, 0, 20])
-    axes[0, 0].text(0.04, 0.9, "line: credible", transform=axes[0, 0].transAxes)
+    axes[0, 0].legend(loc="upper center", borderaxespad=0.0, handlelength=1.2)
     headline(figure, finding)
     _head_columns(axes, names)
 
@@ -160,12 +165,12 @@ def planar_scene(ax: Axes, scenario: Scenario, fixed: PointSet, moving: PointSet
     """
     pairs = np.stack([fixed.means, moving.means], axis=1)[: len(scenario.targets)]
     ax.add_collection(LineCollection(list(pairs), colors=GREY, linewidths=0.4, zorder=1))
-    for points, outliers, name, label in (
+    for points, outliers, name, words in (
         (fixed, scenario.outliers_fixed, "fixed", "previous F"),
         (moving, scenario.outliers_moving, "moving", "current M"),
     ):
         ellipses(ax, points, edgecolor=SETS[name].color)
-        ax.plot(*points.means.T, **set_marks(name) | {"ms": 4, "label": label})
+        ax.plot(*points.means.T, **set_marks(name) | {"ms": 4, "label": words})
         far = np.hypot(*outliers.T) > FAR
         for mask, width, kind in ((~far, 1.2, "close"), (far, 2.8, "far")):
             if mask.any():
@@ -184,10 +189,15 @@ def cost_map(ax: Axes, offsets: Array, log_values: Array, title: str = "") -> Qu
     settings: dict[str, Any] = {"cmap": COST_MAP, "norm": COST_SCALE, "rasterized": True}
     mesh = ax.pcolormesh(offsets, offsets, above, **settings)
     lines = ax.contour(offsets, offsets, above, [1, 10, 100, 1000], colors="white", linewidths=0.6)
-    ax.clabel(lines, [10, 100, 1000], fontsize=9, fmt="%g")
+    spans = [[np.ptp(line) for line in level if line.size] for level in lines.allsegs]
+    long = [max(each, default=0.0) > 6.0 for each in spans]
+    ax.clabel(lines, np.asarray(lines.levels)[long], fontsize=9)
     ax.grid(False)
-    ax.set(xlabel="$t_x$ − truth (m)", ylabel="$t_y$ − truth (m)", aspect="equal", title=title)
+    ax.set(xlabel="$t_x$ − truth (m)", aspect="equal", title=title)
     ax.set(xticks=[-5, 0, 5], yticks=[-5, 0, 5])
+    spec = ax.get_subplotspec()
+    if spec is None or spec.is_first_col():
+        ax.set_ylabel("$t_y$ − truth (m)")
     mark_truth(ax)
     return mesh
 
@@ -213,5 +223,6 @@ def error_shares(
         for ax, values in zip(axes, (distance, np.rad2deg(turn)), strict=True):
             ax.step(np.sort(values), share, where="post", **style)
     for ax, title, (unit, limits) in zip(axes, titles, ERROR_LIMITS.items(), strict=True):
-        ax.set(xscale="log", xlabel=f"error ({unit})", title=title, xlim=limits)
-        ax.set(ylabel="share of runs", ylim=(0.0, 1.02))
+        ax.set(xscale="log", xlabel=f"error ({unit})", title=title)
+        write_out_ticks(ax.xaxis, (0.01, 0.1, 1, 10))
+        ax.set(ylabel="share of runs", ylim=(0.0, 1.02), xlim=limits)
