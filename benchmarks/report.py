@@ -243,7 +243,7 @@ def charts(rows: Sequence[Row]) -> None:
     """Draw time and accuracy over the number of targets, and one against the other."""
     matplotlib.use("Agg")
     use_style()
-    figure, axes = plt.subplots(2, figsize=(5.0, 6.6), height_ratios=(1.4, 1.0), sharex=True)
+    figure, axes = plt.subplots(2, figsize=(5.0, 7.2), height_ratios=(1.6, 1.0), sharex=True)
     sizes = sorted({row.size for row in rows})
     ends: tuple[dict[str, Any], dict[str, Any]] = ({}, {})
     for cost, name, look in _looks():
@@ -281,7 +281,7 @@ def charts(rows: Sequence[Row]) -> None:
     write_out_ticks(axes[0, 0].yaxis, ratios)
     axes[-1, 0].set_xlabel("time of a registration (µs)")
     handles = axes[0, 0].get_legend_handles_labels()
-    figure.legend(*handles, loc="outside lower center", ncols=2, labelcolor="linecolor")
+    figure.legend(*handles, loc="outside lower center", ncols=2, labelcolor="mec")
     headline(figure, "Fast and accurate is at the lower left: d2d in a batch")
     letter_panels(axes)
     _save(figure, "benchmarks_accuracy.png")
