@@ -114,8 +114,6 @@ def main(arguments: list[str] | None = None) -> int:
     paths = [path.resolve() for path in options.notebooks] or sorted(CHAPTERS.glob("*.ipynb"))
     if options.into:
         options.into.mkdir(parents=True, exist_ok=True)
-    # the longest first, so that no core waits for the last one: large outputs take long to compute
-    paths.sort(key=lambda path: -path.stat().st_size)
     with ThreadPoolExecutor(options.jobs) as pool:
         clean = list(pool.map(partial(run, folder=options.into), paths))
     return 0 if all(clean) else 1

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-import scipy.stats
+import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from d2d._types import Array
@@ -106,7 +106,7 @@ def share_over(shares: ArrayLike, cases: float) -> Measured:
 
 def share_counted(share: float, cases: float, *, comparisons: int = 1) -> Measured:
     """A share of so many cases, with Wilson's interval; N correlated rows are N / block cases."""
-    z2 = scipy.stats.norm.ppf(_upper(comparisons)) ** 2 / cases
+    z2 = scipy.special.ndtri(_upper(comparisons)) ** 2 / cases
     middle = (share + 0.5 * z2) / (1.0 + z2)
     half = np.sqrt(z2 * (share * (1.0 - share) + 0.25 * z2)) / (1.0 + z2)
     low, high = max(middle - half, 0.0), min(middle + half, 1.0)
@@ -123,7 +123,7 @@ def share_difference(of: ArrayLike, minus: ArrayLike, *, comparisons: int = 1) -
     gained = (np.sum(differences > 0.0) + 1) / count
     lost = (np.sum(differences < 0.0) + 1) / count
     variance = (gained + lost - (gained - lost) ** 2) / count
-    half = scipy.stats.norm.ppf(_upper(comparisons)) * np.sqrt(variance)
+    half = scipy.special.ndtri(_upper(comparisons)) * np.sqrt(variance)
     low, high = max(gained - lost - half, -1.0), min(gained - lost + half, 1.0)
     return Measured(float(differences.mean()), low, high)
 
@@ -132,7 +132,8 @@ def mean_of(values: ArrayLike, *, comparisons: int = 1) -> Measured:
     """Mean of independent values (N,), with Student's interval."""
     each = np.asarray(values, dtype=np.float64).ravel()
     mean = float(each.mean())
-    half = scipy.stats.t.ppf(_upper(comparisons), len(each) - 1) * scipy.stats.sem(each)
+    error = each.std(ddof=1) / np.sqrt(len(each))
+    half = scipy.special.stdtrit(len(each) - 1, _upper(comparisons)) * error
     return Measured(mean, mean - half, mean + half)
 
 

@@ -117,10 +117,10 @@ def trial_errors(
         truth = drive.truth.theta
         scans = [with_known_errors(scan, ingredient) for scan in drive.scans]
         options: dict[str, Any] = {"baseline": 1, "initial": truth[0], "limits": None}
-        own = scans, drive.mounting
-        found = [track(own, carry=False, **options)]
-        budgets = ErrorBudget(), ingredient.budget
-        found += [track(own, budget=each, **options) for each in budgets]
+        own, budget = (scans, drive.mounting), ingredient.budget
+        bare, noise = (track(own, carry=carry, **options) for carry in (False, True))
+        full = track(own, budget=budget, **options) if budget != ErrorBudget() else noise
+        found = bare, noise, full
         good = np.logical_and.reduce([each.converged for each in found])
         errors.append(np.stack([(each.theta - truth[1:])[good] for each in found]))
         covariances.append(np.stack([each.covariance[good] for each in found]))

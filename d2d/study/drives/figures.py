@@ -5,11 +5,11 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+import scipy
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.patches import Arc, Rectangle, Wedge
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import chi2
 
 from d2d import rigid
 from d2d._types import Array
@@ -192,7 +192,7 @@ def velocity_ellipses(ax: Axes, estimates: Mapping[str, Estimate], theta: Array)
         of_velocity = PointSet(estimate.theta[None, :2], estimate.covariance[None, :2, :2])
         for panel in (ax, inset) if color == ROBUST else (ax,):
             panel.plot(*estimate.theta[:2], "o", ms=3, color=color)
-            size = math.sqrt(chi2.ppf(0.95, 2))
+            size = math.sqrt(scipy.special.chdtri(2, 0.05))
             ellipses(panel, of_velocity, size, edgecolor=color, linewidth=1.5)
         if color == ROBUST:
             inset.set_title(name, color=color)

@@ -35,9 +35,11 @@ def stated_sigmas() -> dict[str, list[Row]]:
     """
     drive = front_drive()
 
+    right = track(drive)
+
     def tracked(name: str, factor: float) -> Row:
         scans = [scaled(scan, factor, (name,)) for scan in drive.scans]
-        driven = track((scans, drive.mounting))
+        driven = right if factor == 1.0 else track((scans, drive.mounting))
         return row(f"{_IN_WORDS.get(name, name)} x {factor:g}", driven, drive.truth)
 
     return {name: [tracked(name, factor) for factor in FACTORS] for name in MEASURED}

@@ -1,13 +1,15 @@
 """Cost surfaces over a grid of translations, and their peaks."""
 
-from typing import NamedTuple
+import functools
+import math
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
 from d2d._types import Array
-from d2d.cost import RegistrationCost
+from d2d.cost import CorruptedGaussian, RegistrationCost, UniformOutlier
 from d2d.point_set import PointSet
 
 
@@ -22,10 +24,38 @@ def target_log_surfaces(
 def log_surface(
     cost: RegistrationCost, translations: Array, fixed: PointSet, moving: PointSet
 ) -> Array:
-    """Logarithm (..., T) of the fused density, the negative cost, over translations (T,)."""
-    axes = (np.newaxis,) * len(fixed.batch_shape)
-    theta = translations[(slice(None), *axes, np.newaxis)]
-    return -np.moveaxis(cost.value(theta, fixed, moving), 0, -1)
+    """Logarithm (..., T) of the fused density, the negative cost, over translations (T,).
+
+    The formulas written out for sets on a line, of which a claim needs millions of values.
+    """
+    outlier, targets = cost.outlier, []
+    for k in range(moving.size):
+        terms: list[Any] = []
+        for i in range(fixed.size):
+            log_weight = np.log(fixed.weights[..., i, np.newaxis])
+            variance = fixed.covariances[..., i, :, 0]
+            if cost.metric == "d2d":
+                variance = variance + moving.covariances[..., k, :, 0]
+            square = (moving.means[..., k, :] - fixed.means[..., i, :] + translations) ** 2
+            inlier = log_weight + _log_normal(square, variance)
+            if isinstance(outlier, CorruptedGaussian):
+                wide = _log_normal(square, outlier.covariance[0])
+                terms.append(math.log(outlier.fraction) + log_weight + wide)
+                inlier += math.log1p(-outlier.fraction)
+            terms.append(inlier)
+        if isinstance(outlier, UniformOutlier):
+            terms.append(math.log(outlier.density))
+        targets.append(_log_sum(terms))
+    return np.asarray(sum(targets) if cost.fusion == "likelihood" else _log_sum(targets))
+
+
+def _log_normal(square: Array, variance: Array) -> Array:
+    return -0.5 * (square / variance + np.log(2.0 * math.pi * variance))
+
+
+def _log_sum(terms: list[Any]) -> Array:
+    top = functools.reduce(np.maximum, terms)
+    return np.asarray(top + np.log(sum(np.exp(term - top) for term in terms)))
 
 
 class Peaks(NamedTuple):
