@@ -456,7 +456,7 @@ globalThis.labs = (() => {
       this.state = structuredClone(defaults);
       this.plots = [];
       this.controls = [];
-      this.spoken = html("p", { class: "lab-hidden", "aria-live": "polite" });
+      this.spoken = html("p", { class: "visually-hidden", "aria-live": "polite" });
       this.words = html("div", {});
       this.numbers = fold("Numbers"); // open where there is room
       this.told = html("div", { class: "lab-told" }, this.words, this.numbers);
@@ -556,7 +556,11 @@ globalThis.labs = (() => {
           prompt("The link to this view", link); // a page that may not use the clipboard
         }
       });
-      return [reset, copy, ...(this.python ? [this.script()] : [])];
+      const tools = html("span", { class: "lab-tools" }, reset, copy, ...(this.python ? [this.script()] : [])),
+        more = this.button("More", () => more.setAttribute("aria-expanded", more.ariaExpanded !== "true"));
+      more.classList.add("lab-more"); // on a phone
+      more.setAttribute("aria-expanded", "false");
+      return [more, tools];
     }
 
     /** The lines of Python that give the numbers on the screen. */

@@ -204,7 +204,7 @@ labs.define(
       );
     }
 
-    const spoken = (words) => html("span", { class: "lab-hidden" }, ` ${words} `);
+    const spoken = (words) => html("span", { class: "visually-hidden" }, ` ${words} `);
     /** A density from its logarithm: 0.42, or a power of ten. */
     function short(log) {
       const ten = log / Math.LN10;
