@@ -12,9 +12,8 @@ _SIGMA = NOT_NEGATIVE._replace(most=1e3)
 class ErrorBudget(Bounded):
     """Standard deviations of the errors that many targets share, or that no target explains.
 
-    The covariance of a track is the propagated noise of the single targets plus the effect of these
-    errors, on which the estimates do not depend.  Raises a ``ValueError`` if a number is negative
-    or above 1000, or the azimuth's above 2 pi.
+    They add to the covariance of a track, and do not change its estimates.  Raises a ``ValueError``
+    if a number is negative or above 1000, or the azimuth's above 2 pi.
 
     Attributes
     ----------
@@ -31,8 +30,7 @@ class ErrorBudget(Bounded):
     source : str
         Where the numbers come from.
     v_x, v_y, omega : float, m/s, m/s, rad/s
-        Of errors of the velocity itself, whatever the targets and sensors.  If `fit_budget` finds
-        them from a reference, the other numbers are best left at zero.
+        Of errors of the velocity itself; with those of `fit_budget`, leave the others at zero.
     """
 
     azimuth: float = number(0.0, ANGLE._replace(least=0.0))

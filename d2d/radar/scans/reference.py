@@ -101,8 +101,7 @@ class Reference:
 class Recording:
     """One sensor's scans of a drive, its mounting, and the motion according to other sensors.
 
-    The reference is at the times of the scans, and nan outside the time span of its source and in
-    its gaps.  The budget, for ``track(..., budget=)``, is what the targets of these radars share.
+    The reference is at the scans' times, nan where it is not known; the budget is for `track`.
     """
 
     scans: list[RadarScan]
@@ -115,7 +114,7 @@ class Recording:
 class SlipLaw(Bounded):
     """The lateral velocity in a steady bend, v_y = (ahead - compliance v_x^2) omega.
 
-    The rear axle, from which the vehicle frame's origin is ``ahead`` (m), has the slip angle
+    The rear axle, which the vehicle frame's origin is ``ahead`` of (m), slips by the angle
     -``compliance`` (s^2/m) v_x omega (linear single-track model: Riekert & Schunck 1940).
     """
 

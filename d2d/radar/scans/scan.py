@@ -62,9 +62,9 @@ ANGLES = ("azimuth", "sigma_azimuth", *UPWARDS)
 class Mounting(Bounded):
     """Pose of the sensor in the vehicle frame: x forward and y left in m, angles in rad.
 
-    The yaw is the direction of the boresight, counter-clockwise from the x axis.  A pitch is
-    positive if the sensor looks down, a roll, applied before, if its left side is raised (REP 103:
-    z points up).  Raises a ``ValueError`` if x or y is beyond 100 m, or an angle beyond 2 pi.
+    The yaw is the direction of the boresight, counter-clockwise from the x axis; a pitch is
+    positive if the sensor looks down, a roll, applied before, if its left side is raised (REP 103).
+    Raises a ``ValueError`` if x or y is beyond 100 m, or an angle beyond 2 pi.
     """
 
     x: float = number(0.0, _LEVER)
@@ -161,24 +161,19 @@ class RadarScan(Frozen):
         z: ArrayLike | None = None,
         *,
         doppler: ArrayLike,
-        grid: float | None = None,
-        sigma_range: ArrayLike = 0.0,
-        sigma_azimuth: ArrayLike = 0.0,
-        sigma_doppler: ArrayLike = 0.0,
-        step: float | None = None,
+        sigma_range: ArrayLike,
+        sigma_azimuth: ArrayLike,
+        sigma_doppler: ArrayLike,
         extent: ArrayLike = 0.0,
-        sigma_elevation: ArrayLike = 0.0,
+        sigma_elevation: ArrayLike | None = None,
     ) -> RadarScan:
         """The scan of a radar that reports positions, such as a list of objects or clusters.
 
         The positions x along the boresight, y to the left and, with elevations, z upwards are
-        arrays (K,) in m in the sensor frame.  Of targets that have velocities relative to the
-        sensor, ``doppler`` (K,) is the part along the line of sight, (x v_x + y v_y) / hypot(x, y).
-        To the standard deviations, as for `RadarScan`, the errors are added of positions that are
-        rounded to multiples of ``grid`` (m), and of velocities, to multiples of ``step`` (m/s).
+        arrays (K,) in m in the sensor frame, all else is as for `RadarScan`.  Of targets that have
+        velocities relative to the sensor, ``doppler`` is (x v_x + y v_y) / hypot(x, y).
 
-        Raises a ``ValueError`` if a target is at, above or below the sensor, or there is no error
-        of the range, the azimuth or the Doppler velocity.
+        Raises a ``ValueError`` if a target is at, above or below the sensor.
         """
         ahead = check_finite("x", x, "(K,)")
         left = check_finite("y", y, str(ahead.shape), like="x")
@@ -186,29 +181,10 @@ class RadarScan(Frozen):
         across = np.hypot(ahead, left)
         if not (across > 0).all():
             raise ValueError("x and y must not both be zero, but a target is at the sensor")
-        distance = np.hypot(across, up)
-        aside = 0.0 if grid is None else quantisation_sigma(grid, "grid")
-        rounding = 0.0 if step is None else quantisation_sigma(step, "step")
-
-        def total(name: str, sigma: ArrayLike, other: Array | float) -> Array:
-            stated = NOT_NEGATIVE.array(name, sigma)
-            if stated.size != 1:
-                check_shape(name, stated, str(ahead.shape), like="x")
-            return np.hypot(stated, other)
-
-        raised = total("sigma_elevation", sigma_elevation, aside / distance)
-        return cls(
-            time,
-            distance,
-            np.arctan2(left, ahead),
-            doppler,
-            total("sigma_range", sigma_range, aside),
-            total("sigma_azimuth", sigma_azimuth, aside / across),
-            total("sigma_doppler", sigma_doppler, rounding),
-            extent,
-            elevation=None if z is None else np.arctan2(up, across),
-            sigma_elevation=None if z is None or not raised.any() else raised,
-        )
+        measured = np.hypot(across, up), np.arctan2(left, ahead), doppler
+        elevation = None if z is None else np.arctan2(up, across)
+        errors = sigma_range, sigma_azimuth, sigma_doppler, extent
+        return cls(time, *measured, *errors, elevation=elevation, sigma_elevation=sigma_elevation)
 
     @property
     def size(self) -> int:
@@ -382,8 +358,8 @@ def doppler_velocity(theta: ArrayLike, azimuth: ArrayLike, mounting: Mounting) -
     """Doppler velocities (..., K) in m/s of static targets, positive if they recede.
 
     V = -(v_x - omega y_s) cos(phi + alpha_s) - (v_y + omega x_s) sin(phi + alpha_s) (thesis
-    eq. 7.10; Barjenbruch et al. 2015), with ``theta`` (..., 3) = [v_x, v_y, omega] of the vehicle
-    in m/s, m/s, rad/s, and the ``azimuth`` phi (..., K) in rad in the sensor frame.
+    eq. 7.10; Barjenbruch et al. 2015), with ``theta`` (..., 3) = [v_x, v_y, omega] in m/s, m/s,
+    rad/s of the vehicle, and the ``azimuth`` phi (..., K) in rad of the sensor.
     """
     motion = rigid.motion("theta", theta, 2)
     gain, _ = doppler_gradients(BOUNDS["azimuth"].array("azimuth", azimuth), mounting)
@@ -409,9 +385,8 @@ def unfolded(
 
     The velocities ``theta`` (n, 3) of the vehicle need not be exact: to within ``limit`` is enough.
     """
-    cured = []
-    for scan, velocity in zip(scans, theta, strict=True):
-        gap = doppler_velocity(velocity, scan.azimuth, mounting) - scan.doppler
-        folds = 2.0 * limit * np.round(gap / (2.0 * limit))
-        cured.append(replace(scan, doppler=scan.doppler + folds))
-    return cured
+    over_ground = over_ground_undone(scans, -theta, mounting)
+    return [
+        replace(scan, doppler=scan.doppler - 2.0 * limit * np.round(0.5 * own.doppler / limit))
+        for scan, own in zip(scans, over_ground, strict=True)
+    ]

@@ -11,8 +11,7 @@ from d2d import rigid
 from d2d._types import Array
 from d2d.radar.scans.reference import Reference
 
-KINDS = ("wall", "car", "pole", "vegetation", "moving", "clutter")
-"""The possible origins of a detection, which only a simulation knows."""
+KINDS = ("wall", "car", "pole", "vegetation", "moving", "clutter")  # origins of a detection
 
 LAP = 300.0  # m, length of a lap
 _CORNER = 24.0  # m: length of a quarter turn, whose smallest radius is 7.6 m
@@ -116,10 +115,7 @@ _HEIGHT = 70.0  # m, of the whole block; its width follows from the length of th
 
 
 def lap_poses(along: Array) -> Array:
-    """Pose (..., 3) [x, y, yaw] in m, m, rad after ``along`` (...) metres; yaw is continuous.
-
-    The lap begins at the origin, in the direction of the x axis.
-    """
+    """Pose (..., 3) [x, y, yaw] in m, m, rad after ``along`` (...) metres; yaw is continuous."""
     laps, rest = np.divmod(along, LAP)
     place, heading, _ = _lap()
     yaw = heading(rest) + 2.0 * np.pi * laps
@@ -134,8 +130,7 @@ def lap_curvature(along: Array) -> Array:
 def lap_motion(times: Array, start: float, speed: float, size: float = 1.0) -> Reference:
     """The motion at ``times`` (n,) in s of a vehicle that has driven for ``start`` s at time 0.
 
-    Its mean ``speed`` is in m/s; where bends are tightest, it has half the speed on a straight.
-    The lap may be ``size`` times as large as the street's.
+    Its mean ``speed`` is in m/s, and less in bends; the lap is ``size`` times the street's.
     """
     position = _lap()[2]
     laps, rest = np.divmod((times + start) * speed / size, LAP)
@@ -183,10 +178,7 @@ def _bends(along: Array, starts: Array) -> tuple[Array, Array]:
 
 
 def build_world(rng: np.random.Generator, movers: int = 6) -> World:
-    """Line the street with buildings, parked cars, poles and bushes.
-
-    ``movers`` objects move, alternately cars in the oncoming lane and walkers on the sidewalks.
-    """
+    """Line the street with houses, parked cars, poles, bushes and ``movers``, cars and walkers."""
     buildings, cars = _buildings(rng), _parked_cars(rng)
     places = {
         "wall": _along_outlines(rng, buildings, 0.7, (0.02, 0.25)),
@@ -194,11 +186,9 @@ def build_world(rng: np.random.Generator, movers: int = 6) -> World:
         "pole": _beside(rng, 25.0, _POLES),
         "vegetation": _bushes(rng),
     }
-    points, kinds = (
-        np.concatenate(list(places.values())),
-        np.repeat([*places], [*map(len, places.values())]),
-    )
-    strength = np.concatenate([_strengths(rng, kind, len(at)) for kind, at in places.items()])
+    counts = {kind: len(at) for kind, at in places.items()}
+    strength = np.concatenate([_strengths(rng, *each) for each in counts.items()])
+    points, kinds = np.concatenate(list(places.values())), np.repeat([*counts], [*counts.values()])
     return World(buildings, cars, points, strength, kinds, _movers(rng, movers))
 
 
@@ -215,9 +205,7 @@ def _outline(frames: Array, sizes: Array) -> Array:
 
 def _offset(along: Array, aside: Array) -> Array:
     """Frames (n, 3) parallel to the path, ``aside`` metres to its left."""
-    return rigid.compose(
-        lap_poses(along), np.stack([np.zeros_like(along), aside, np.zeros_like(along)], axis=-1)
-    )
+    return rigid.compose(lap_poses(along), np.stack([0.0 * along, aside, 0.0 * along], axis=-1))
 
 
 def _buildings(rng: np.random.Generator) -> Array:
