@@ -73,12 +73,12 @@ def cost_panels(
             profile = rotation_profile(cost, *sets, scenario.theta, ROTATIONS)
             above = np.maximum(profile.max() - profile, LOWEST_COST)
             cuts.plot(np.rad2deg(ROTATIONS), above, **cost_line(name))
-            where = -39.0, 1.4 * above[:60].max()
-            label(cuts, where, LOOKS[name].name, LOOKS[name].color, (0, 0))
+            below = -16 if name == "summing" else 3
+            place, look = (-39.0, above[:60].max()), LOOKS[name]
+            label(cuts, place, look.name.split()[0], look.color, (0, below))
         cuts.axvline(0.0, **TRUTH)
         cuts.set(yscale="log", ylim=(LOWEST_COST, 2e4), title="(d) over the rotation")
-        cuts.set(xlabel="φ − truth (°)", ylabel="−log density")
-        cuts.margins(x=0.0)
+        cuts.set(xlabel="φ − truth (°)", ylabel="−log density", xmargin=0.0)
         cost_bar(figure, mesh, maps)
         headline(figure, finding)
 
