@@ -15,9 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from d2d import rigid
 from d2d.radar import Tracker, load_radarscenes
 from d2d.radar.readers.radarscenes import RADARSCENES_BUDGET
-from d2d.radar.tracks.path import integrate
+from d2d.radar.tracks.path import chain
 from d2d.study.road.estimates import estimates_path, read_estimates
 
 ROOT = Path(__file__).parents[1]
@@ -37,7 +38,8 @@ def drive() -> dict[str, Array]:
     result = read_estimates(estimates_path(105))[RUN]
     judged, bare, reference = result.judged, result.track, result.reference
     assert judged.share == 1.0  # so that rows of the track are rows of the comparison
-    own, true = (integrate(theta, bare.intervals)[1:] for theta in (bare.theta, reference))
+    moves = (rigid.exponential(bare.intervals[:, None] * each) for each in (bare.theta, reference))
+    own, true = (chain(each, np.zeros(3))[1:] for each in moves)
     hessian = judged.covariances[:, :2, :2]
     shared = replace(RADARSCENES_BUDGET, neighbours=0.0)  # errors of whole scans
     tracker = Tracker({"radar": RECORDING.mounting}, baseline=2, budget=shared)
