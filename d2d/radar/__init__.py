@@ -1,11 +1,10 @@
 """Ego-motion of a vehicle from automotive Doppler radar."""
 
 from d2d.radar.evaluation.calibrate import Calibration, calibrate
-from d2d.radar.evaluation.compare import Comparison, Measures, compare
+from d2d.radar.evaluation.compare import Comparison, Measures, compare, compare_tracks
 from d2d.radar.evaluation.diagnose import Finding, diagnose
-from d2d.radar.evaluation.extent import ExtentEstimate, estimate_extent
 from d2d.radar.evaluation.fit import BudgetFit, fit_budget
-from d2d.radar.evaluation.halves import compare_halves, compare_tracks
+from d2d.radar.evaluation.halves import compare_halves
 from d2d.radar.motion.covariance import propagate_ego_motion
 from d2d.radar.motion.doppler import DopplerMotion, doppler_ego_motion, sensor_velocity
 from d2d.radar.motion.estimate import estimate_ego_motion, inlier_probabilities
@@ -45,7 +44,6 @@ __all__ = [
     "Drive",
     "EgoMotionModel",
     "ErrorBudget",
-    "ExtentEstimate",
     "FilterInput",
     "Finding",
     "Gyro",
@@ -73,7 +71,6 @@ __all__ = [
     "doppler_ego_motion",
     "doppler_velocity",
     "estimate_ego_motion",
-    "estimate_extent",
     "fit_budget",
     "inlier_probabilities",
     "load_bag",

@@ -24,7 +24,6 @@ _POWERS = (0, 2)  # of v_x in the slip law
 _LAG, _AHEAD, _COMPLIANCE, _BIAS = 0, 2, 3, -1  # places among the parameters
 # A drive does not determine a parameter whose standard deviation is larger than this.
 _LIMITS = {_LAG: 0.1, _BIAS: np.deg2rad(0.3), _AHEAD: 0.3, _COMPLIANCE: 0.01}  # s, rad/s, m, s^2/m
-_DEGREES = np.rad2deg(1.0)
 _SEARCHED = SECONDS._replace(least=1e-6, most=1e4)
 _AT_BOUND = 1e-3  # s
 _SLOW = 1.0  # s: a filter averages what is faster
@@ -32,10 +31,7 @@ _SURE = 3.0  # standard deviations beyond a limit
 _MAX_SELECTIONS = 10  # of scans that are not grossly off
 _MIN_SPEED = 0.5  # m/s
 _AHEAD_BOUND = METRES._replace(most=100.0)  # m
-# Standard deviations that residuals may have.  They have 0.9 on RadarScenes, 3 where five vehicles
-# ahead are all that is seen, and with sigmas far too small 6 and more, where two targets of each
-# scan are left, which fit anything.
-_UNEXPLAINED = 2.0
+_UNEXPLAINED = 2.0  # standard deviations; residuals have 0.9 on RadarScenes, 3 in mere traffic
 _FACTORS = 0.8, 1.25  # on the reference's speed; km/h are 0.278 and mph 0.447
 _PLACES = -2.0, 8.0  # m, how far the origin may be ahead of the rear axle, of a truck or bus
 
@@ -44,43 +40,34 @@ SensorLog = tuple[Iterable[RadarScan], Mounting, Reference]
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """The corrections of a reference and of the mountings; prints as a table.
+    """The corrections of a reference and of the mountings of S sensors; prints as a table.
 
-    The radars' time stamps are late by ``lag`` (s), early if it is negative: a scan at t shows the
-    motion that the reference gives for t - lag.  The reference's v_x is to be multiplied by
-    ``speed_factor``; ``slip`` gives the lateral velocity.  ``yaw`` (S,) in rad is to be added to
-    the mounting angle of each sensor, as it is in ``mountings``, and ``bias`` (rad/s) to be taken
-    off the reference's yaw rate.  ``covariance`` (5 + S, 5 + S) is that of [lag, speed_factor,
-    slip.ahead, slip.compliance, yaw, bias], nan for parameters that were held instead of fitted.
-
-    ``rms`` is the root mean square of the static targets' Doppler residuals over their standard
-    deviations.  ``scans`` is the number of scans with targets, and ``share`` the share of them that
-    was used; the others have no reference or are grossly off.  ``duration`` (s) is the length of
-    the recordings, ``block`` (s) that of the blocks from which the covariance comes.
+    A scan at t shows the motion that the reference gives for t - lag, with its v_x times
+    ``speed_factor``, its yaw rate less ``bias``, and the lateral velocity of ``slip``.
     """
 
-    lag: float
+    lag: float  # s, by which the radars' time stamps are late; early if negative
     speed_factor: float
     slip: SlipLaw
-    yaw: Array
-    bias: float
-    covariance: Array
-    mountings: list[Mounting]
-    rms: float
-    share: float
-    scans: int
-    duration: float
-    block: float
+    yaw: Array  # (S,), rad, added to the angles of the mountings
+    bias: float  # rad/s
+    covariance: Array  # (5 + S, 5 + S) of `values`, nan for what was held instead of fitted
+    mountings: list[Mounting]  # with the angles corrected
+    rms: float  # of the static targets' Doppler residuals over their standard deviations
+    share: float  # of the scans, without those that have no reference or are grossly off
+    scans: int  # with targets
+    duration: float  # s, of the recordings
+    block: float  # s, of the blocks from which the covariance comes
 
     @property
     def values(self) -> Array:
-        """The parameters (5 + S,), in the order of ``covariance``."""
+        """[lag, speed_factor, slip.ahead, slip.compliance, yaw, bias] (5 + S,)."""
         slip = self.slip.ahead, self.slip.compliance
         return np.array([self.lag, self.speed_factor, *slip, *self.yaw, self.bias])
 
     @property
     def sigmas(self) -> Array:
-        """Standard deviations (5 + S,), in the order of ``covariance``; nan where not fitted."""
+        """Standard deviations (5 + S,) of `values`; nan where not fitted."""
         return np.sqrt(np.diag(self.covariance))
 
     @property
@@ -88,7 +75,7 @@ class Calibration:
         """Standard deviations (S,) in rad of the sensors' directions over a block.
 
         Those of ``yaw`` are of the mean over all blocks.  If a block is longer than a second, this
-        is a slow error, as `ErrorBudget.azimuth`: of a lone radar larger than of one of several.
+        is a slow error, as `ErrorBudget.azimuth`.
         """
         return np.asarray(
             self.sigmas[_BIAS - len(self.yaw) : _BIAS] * np.sqrt(self.duration / self.block)
@@ -107,22 +94,24 @@ class Calibration:
 
     def __str__(self) -> str:
         sensors = range(1, len(self.yaw) + 1)
-        rows = [
-            ("lag", 1.0, "s"),
-            ("speed factor", 1.0, ""),
-            ("ahead of the rear axle", 1.0, "m"),
-            ("compliance", 1.0, "s^2/m"),
-            *((f"yaw of sensor {s} of {len(self.yaw)}", _DEGREES, "deg") for s in sensors),
-            ("bias of the yaw rate", _DEGREES, "deg/s"),
-        ]
+        rows = {
+            "lag": "s",
+            "speed factor": "",
+            "ahead of the rear axle": "m",
+            "compliance": "s^2/m",
+        }
+        rows |= {f"yaw of sensor {s} of {len(self.yaw)}": "deg" for s in sensors}
+        rows |= {"bias of the yaw rate": "deg/s"}
+        units = [np.rad2deg(1.0) if text.startswith("deg") else 1.0 for text in rows.values()]
+        numbers = zip(rows.items(), units * self.values, units * self.sigmas, strict=True)
         lines = [
             f"{self.scans} scans over {self.duration:.1f} s, {self.share:.1%} of them used; "
             f"Doppler residuals {self.rms:.2f} sigma",
             "",
         ]
-        for (name, unit, text), value, sigma in zip(rows, self.values, self.sigmas, strict=True):
-            error = f"+- {sigma * unit:.5f}" if np.isfinite(sigma) else "held"
-            lines.append(f"{name:22}  {value * unit:+10.5f} {error:11} {text}".rstrip())
+        for (name, text), value, sigma in numbers:
+            error = f"+- {sigma:.5f}" if np.isfinite(sigma) else "held"
+            lines.append(f"{name:22}  {value:+10.5f} {error:11} {text}".rstrip())
         lines += ["", f"Standard deviations from blocks of {self.block:.1f} s."]
         if self.block > _SLOW:
             each = ", ".join(f"{azimuth:.2f}" for azimuth in np.rad2deg(self.azimuth))
@@ -141,13 +130,9 @@ def calibrate(
     The static targets of each scan, found as in `doppler_ego_motion`, show the velocity of their
     sensor.  It is compared with the one that the reference's v_x and omega give, corrected by a
     lag, a factor on v_x, a bias of omega, the side slip of `SlipLaw`, and an angle added to each
-    mounting.  No registration is needed.
-
-    Raises a ``ValueError`` if an argument is invalid, or the best fit cannot be true: residuals of
-    more than two standard deviations, a lag at a bound of the search, a speed that is wrong by more
-    than a quarter, as in km/h, an axle more than 2 m ahead of the origin or 8 m behind it, as with
-    yaw rates that count clockwise, or a mounting turned by more than half a turn.  Warns if the
-    drive has too little acceleration to determine the lag, which is then held at zero.
+    mounting.  Raises a ``ValueError`` if an argument is invalid, or the best fit cannot be true, as
+    with residuals of more than two standard deviations, or a lag at a bound of the search.  Warns
+    if the drive has too little acceleration to determine the lag, which is then held at zero.
 
     Parameters
     ----------
@@ -160,17 +145,6 @@ def calibrate(
         The lag is searched for from -max_lag to max_lag.
     ahead : float, m, optional
         How far the vehicle frame's origin lies ahead of the rear axle.  By default it is fitted.
-
-    Notes
-    -----
-    The covariance is that of a circular block bootstrap over time, in closed form, because the
-    reference's errors last, enlarged by what a fit uses up; it does not contain what varies more
-    slowly than the recording is long.  A scan is left out if its sensor's velocity deviates from
-    the reference, in standard deviations, by more than five times the median of that sensor.
-
-    ``ahead`` and ``compliance`` can be told apart only if bends are driven at different speeds.
-    The bias is held at zero if its standard deviation exceeds 0.3 deg/s, then ``ahead`` if its own
-    exceeds 0.3 m, and then ``compliance`` too if its own still exceeds 0.01 s^2/m.
 
     Examples
     --------
@@ -193,7 +167,7 @@ def calibrate(
     model, _ = _selected(model, bound)
     model.free[_BIAS] = True
     model, found = _selected(model, bound)
-    _check_residuals(found)
+    _check(found)
     spread, block = covariance(model, found)
     for place, limit in _LIMITS.items():
         if not spread[place, place] > limit**2:  # nan if it is held already
@@ -209,7 +183,8 @@ def calibrate(
     lag, speed, offset, square, *yaw, bias = found.parameters.tolist()
     unit = np.ones(len(spread))
     unit[_COMPLIANCE] = -1.0 / (1.0 + speed) ** 2  # the fit multiplies the reference's v_x^2
-    _check(found, np.sqrt(spread[_AHEAD, _AHEAD]), bool(model.free[_LAG]), bound)
+    margin = _SURE * float(np.nan_to_num(np.sqrt(spread[_AHEAD, _AHEAD])))
+    _check(found, bound if model.free[_LAG] else np.inf, margin)
     return Calibration(
         lag=lag,
         speed_factor=1.0 + speed,
@@ -221,7 +196,7 @@ def calibrate(
             replace(mounting, yaw=float(np.fmod(mounting.yaw + angle, 2.0 * np.pi)))
             for (_, mounting, _), angle in zip(logs, yaw, strict=True)
         ],
-        rms=_check_residuals(found),
+        rms=float(np.sqrt(found.mean_square)),
         share=float(found.known.mean()),
         scans=len(velocities.time),
         duration=float(np.ptp(velocities.time)),
@@ -229,70 +204,64 @@ def calibrate(
     )
 
 
-def _check_residuals(found: Fit) -> float:
-    """The residuals' root mean square; a ValueError if it is far above one."""
-    rms = float(np.sqrt(found.mean_square))
-    if not rms < _UNEXPLAINED:
-        raise ValueError(
-            "recordings must have Doppler velocities that their sigmas explain, but residuals are "
-            f"{rms:.1f} standard deviations; are sigma_doppler and sigma_azimuth too small, or is "
-            f"the reference that of another drive or clock (best lag {found.lag:+.2f} s)?"
-        )
-    return rms
-
-
-def _check(found: Fit, sigma_ahead: float, searched: bool, bound: float) -> None:
-    """Raise a ValueError if the best fit cannot be true: nothing may be stated by it."""
-    lag, speed, ahead, _, *yaw, _ = found.parameters
-    margin = _SURE * float(np.nan_to_num(sigma_ahead))
-    said = ""
-    if searched and abs(lag) > bound - _AT_BOUND:
-        said = (
+def _check(found: Fit, bound: float = np.inf, margin: float = np.inf) -> None:
+    """Raise a ValueError if the best fit cannot be true, with a margin (m) of ``ahead``."""
+    (lag, speed, ahead, _, *yaw, _), rms = found.parameters, np.sqrt(found.mean_square)
+    hint = "are they in km/h" if speed > -1.0 else "is a radar mounted backwards"
+    refusals = [
+        (
+            not rms < _UNEXPLAINED,
+            f"Doppler velocities that their sigmas explain, but residuals are {rms:.1f} standard "
+            "deviations; are sigma_doppler and sigma_azimuth too small, or is the reference that "
+            f"of another drive or clock (best lag {lag:+.2f} s)?",
+        ),
+        (
+            abs(lag) > bound - _AT_BOUND,
             f"clocks that differ by less than max_lag, but the best lag, {lag:+.3f} s, is at the "
-            "bound of the search; is the reference that of another drive?"
-        )
-    elif not _FACTORS[0] < 1.0 + speed < _FACTORS[1]:
-        hint = "are they in km/h" if speed > -1.0 else "is a radar mounted backwards"
-        said = (
-            f"a reference with speeds in m/s, but they would have to be multiplied by "
-            f"{1.0 + speed:.3f}; {hint}?"
-        )
-    elif not _PLACES[0] - margin < ahead < _PLACES[1] + margin:
-        said = (
+            "bound of the search; is the reference that of another drive?",
+        ),
+        (
+            not _FACTORS[0] < 1.0 + speed < _FACTORS[1],
+            "a reference with speeds in m/s, but they would have to be multiplied by "
+            f"{1.0 + speed:.3f}; {hint}?",
+        ),
+        (
+            not _PLACES[0] - margin < ahead < _PLACES[1] + margin,
             f"mountings relative to an origin near the rear axle, but it would be {ahead:.1f} m "
-            "ahead of it; does the reference's yaw rate count clockwise?"
-        )
-    elif max(map(abs, yaw)) > np.pi:
-        said = f"mountings near their places, but one is turned by {np.rad2deg(max(yaw)):.0f} deg"
-    if said:
-        raise ValueError(f"recordings must have {said}")
+            "ahead of it; does the reference's yaw rate count clockwise?",
+        ),
+        (
+            max(map(abs, yaw)) > np.pi,
+            f"mountings near their places, but one is turned by {np.rad2deg(max(yaw)):.0f} deg",
+        ),
+    ]
+    for wrong, said in refusals:
+        if wrong:
+            raise ValueError(f"recordings must have {said}")
 
 
 def _logs(recordings: Recording | Iterable[Recording | SensorLog]) -> list[SensorLog]:
-    if isinstance(recordings, Recording):
-        recordings = [recordings]
+    given = [recordings] if isinstance(recordings, Recording) else recordings
     rows = [
         (entry.scans, entry.mounting, entry.reference) if isinstance(entry, Recording) else entry
-        for entry in check_members("recordings", recordings, object)
+        for entry in check_members("recordings", given, object)
     ]
     logs: list[SensorLog] = []
-    for s, (scans, mounting, reference) in enumerate(
-        check_rows("recordings", rows, Iterable, Mounting, Reference)
-    ):
-        name = f"recordings[{s}]"
+    for scans, mounting, reference in check_rows("recordings", rows, Iterable, Mounting, Reference):
+        name = f"recordings[{len(logs)}]"
         listed = check_members(f"the scans of {name}", scans, RadarScan)
-        if len({scan.time for scan in listed if scan.size}) < 2:
-            raise ValueError(f"{name} must have at least two scans with targets")
-        if not any(scan.doppler.any() for scan in listed):
-            raise ValueError(f"{name} must have Doppler velocities, but all of them are zero")
-        if len(reference.times) < 2 or not (np.diff(reference.times) > 0).all():
-            raise ValueError(f"{name} must have a reference with at least two times, increasing")
-        if np.isnan(reference.theta[:, [0, 2]]).any(axis=1).all():
-            raise ValueError(
-                f"{name} must have a reference with speeds and yaw rates, not only one"
-            )
-        if not (np.abs(reference.theta[:, 0]) > _MIN_SPEED).any():
-            raise ValueError(f"{name} must be of a moving vehicle, but its reference stands still")
+        speed, rate = reference.theta[:, 0], reference.theta[:, 2]
+        needed = {
+            "at least two scans with targets": len({s.time for s in listed if s.size}) > 1,
+            "Doppler velocities, but all of them are zero": any(s.doppler.any() for s in listed),
+            "a reference with at least two times, increasing": len(speed) > 1
+            and (np.diff(reference.times) > 0.0).all(),
+            "a reference with speeds and yaw rates, not only one": np.isfinite(speed + rate).any(),
+            "a moving vehicle, but its reference stands still": (np.abs(speed) > _MIN_SPEED).any(),
+        }
+        for what, there in needed.items():
+            if not there:
+                raise ValueError(f"{name} must have {what}")
         logs.append((listed, mounting, reference))
     if not logs:
         raise ValueError("recordings must hold at least one sensor, but is empty")

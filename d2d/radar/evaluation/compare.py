@@ -7,8 +7,7 @@ from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
-import scipy
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from d2d._checks import check_instance
 from d2d._frozen import Frozen
@@ -16,19 +15,16 @@ from d2d._types import Array
 from d2d.bootstrap import block_bootstrap, block_length
 from d2d.credibility import Credibility, credibility
 from d2d.radar.scans.reference import Reference
-from d2d.radar.tracks.plot import COLOR, MARKER, REFERENCE
-from d2d.radar.tracks.track import Track
+from d2d.radar.tracks.track import Track, neighbours
 from d2d.scores import Whitened, crps, whiten, within
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from matplotlib.figure import Figure
     from pandas import DataFrame
 
 NAMES = ("v_x", "v_y", "omega")
-UNITS = ("m/s", "m/s", "deg/s")
-HEAD = [*map("{} ({})".format, NAMES, UNITS), "all"]  # of the table
+_HEAD = ["v_x (m/s)", "v_y (m/s)", "omega (deg/s)", "all"]  # of the table
 IN_UNITS = np.array([1.0, 1.0, np.rad2deg(1.0)])
 
 _CLOCKS, _OFF, _PAIRS = 30.0, 0.5, 30  # s of lags that are tried, s that are too late, estimates
@@ -37,49 +33,35 @@ _FACTORS = 0.7, 1.4  # on a reference's speed and yaw rate
 
 
 class Measures(NamedTuple):
-    """The measures of a comparison, or the bounds of their confidence intervals.
+    """The measures of a comparison, or the bounds (2, ...) of their confidence intervals.
 
-    Directions are in the order v_x, v_y, omega, nan where the reference lacks one.  Bounds have a
-    leading axis: lower, upper.
-
-    ``mean_error``, ``rmse`` and ``crps`` (3,) are the mean, the root mean square and the continuous
-    ranked probability score (`d2d.crps`) of the errors, in m/s, m/s, deg/s.
-
-    ``whitened_squares`` (3,) are the mean squares of the whitened errors, v_x given v_y and omega,
-    v_y given omega, and omega; ideally 1, and ``anees`` is their mean (`d2d.credibility`).
-    ``log_score`` is the mean negative log density of the errors, in m/s, m/s, rad/s
-    (`d2d.log_score`), and ``log_scores`` (3,) are the parts of the three.  ``coverages`` (3, 3) are
-    the shares of the whitened errors, directions by levels, within the central 50, 95 and 99 %;
-    ``coverage`` (3,) those of the errors within the ellipsoids.
+    Directions are in the order v_x, v_y, omega, nan where the reference lacks one.  Whitened are
+    the errors of v_x given v_y and omega, of v_y given omega, and of omega.
     """
 
-    mean_error: Array
-    rmse: Array
-    crps: Array
-    whitened_squares: Array
-    anees: Array
-    log_scores: Array
-    log_score: Array
-    coverages: Array
-    coverage: Array
+    mean_error: Array  # (3,) in m/s, m/s, deg/s
+    rmse: Array  # (3,) in the same units
+    crps: Array  # (3,) in the same units: the mean of `d2d.crps`
+    whitened_squares: Array  # (3,), means; ideally 1
+    anees: Array  # their mean, see `d2d.credibility`
+    log_scores: Array  # (3,), whose sum is the next
+    log_score: Array  # mean negative log density in m/s, m/s, rad/s, see `d2d.log_score`
+    coverages: Array  # (3, 3), shares of whitened errors within the central 50, 95 and 99 %
+    coverage: Array  # (3,), shares of the errors within the ellipsoids of these levels
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Comparison(Frozen):
     """The errors of a track's velocities and how well its covariances describe them.
 
-    It prints as a `table`, also in a notebook.  The estimates that are compared are at ``times``
-    (n,) in s.  ``errors`` (n, 3) are those of [v_x, v_y, omega] in m/s, m/s, rad/s, with the stated
-    ``covariances`` (n, 3, 3).  A direction that the reference lacks is nan, and the others are
-    judged.  ``share`` and ``converged`` are the shares of the track's estimates that are compared,
-    and that converged.
+    It prints as a `table`.  A direction that the reference lacks is nan, the others are judged.
     """
 
-    times: Array
-    errors: Array
-    covariances: Array
-    share: float
-    converged: float
+    times: Array  # (n,), s, of the estimates that are compared
+    errors: Array  # (n, 3), of [v_x, v_y, omega] in m/s, m/s, rad/s
+    covariances: Array  # (n, 3, 3), as stated
+    share: float  # of the track's estimates that are compared
+    converged: float  # share of the track's estimates
 
     def __post_init__(self) -> None:
         for name in ("times", "errors", "covariances"):
@@ -87,9 +69,9 @@ class Comparison(Frozen):
 
     @classmethod
     def from_errors(cls, track: Track, errors: Array, covariances: Array | None = None) -> Self:
-        """The comparison of a track whose errors (n, 3) are known; nan where they are not.
+        """The comparison of a track with these errors (n, 3), nan where they are not known.
 
-        The covariances (n, 3, 3) of the errors are by default those of the track.
+        Their covariances (n, 3, 3) are by default those of the track.
         """
         finite = np.isfinite(errors)
         known = finite.any(axis=0)
@@ -98,8 +80,8 @@ class Comparison(Frozen):
             track.times[good],
             errors[good],
             (track.covariance if covariances is None else covariances)[good],
-            float(good.mean()),
-            float(track.converged.mean()),
+            float(good.sum() / max(len(good), 1)),
+            float(track.converged.sum() / max(len(good), 1)),
         )
 
     @cached_property
@@ -126,18 +108,12 @@ class Comparison(Frozen):
 
     @property
     def credibility(self) -> Credibility:
-        """NEES, ANEES, NCI and I^2 of the covariances, given the errors.
-
-        The region of the ANEES assumes independent errors, which a track seldom has.
-        """
+        """NEES, ANEES, NCI and I^2; the region of the ANEES assumes independent errors."""
         return credibility(*self._judged)
 
     @cached_property
     def whitened(self) -> Whitened:
-        """The whitened errors of omega, of v_y given omega, and of v_x given both.
-
-        Without columns for directions that the reference lacks.
-        """
+        """The whitened errors of the k directions that the reference has, see `Measures`."""
         return whiten(*self._judged, range(len(self._known))[::-1])
 
     @cached_property
@@ -154,14 +130,13 @@ class Comparison(Frozen):
     def intervals(self, confidence: float = 0.95) -> Measures:
         """Lower and upper bounds of all measures, by the block bootstrap `d2d.block_bootstrap`.
 
-        As many successive estimates are drawn together as `d2d.block_length` says, which cannot
-        know of errors that change more slowly than the drive is long.  The seed is fixed, so that a
-        comparison always prints the same.
+        The seed is fixed, so that a comparison always prints the same.
         """
 
         def bounds(terms: Array) -> Array:
-            mean, rng = partial(np.mean, axis=0), np.random.default_rng(0)
-            return block_bootstrap(mean, [terms], self.block, rng, confidence=confidence)
+            data, rng = [terms], np.random.default_rng(0)
+            options: Any = {"confidence": confidence, "vectorized": True}
+            return block_bootstrap(np.mean, data, self.block, rng, **options)
 
         return self._measures(bounds)
 
@@ -171,11 +146,11 @@ class Comparison(Frozen):
         squares, logs, units = white.values**2, white.log_score, IN_UNITS[self._known]
 
         def placed(terms: Array) -> Array:
-            """Means of terms (n, k, ...) in the known directions, nan in the others."""
-            found, axis = mean(terms), 1 - terms.ndim
-            whole = np.full_like(found, np.nan, shape=(3, *np.moveaxis(found, axis, 0).shape[1:]))
-            whole[self._known] = np.moveaxis(found, axis, 0)
-            return np.moveaxis(whole, 0, axis)
+            """Means of terms (n, ..., k) in the known directions, nan in the others."""
+            found = mean(terms)
+            whole = np.full((*found.shape[:-1], 3), np.nan)
+            whole[..., self._known] = found
+            return whole
 
         return Measures(
             mean_error=placed(errors) * IN_UNITS,
@@ -185,101 +160,61 @@ class Comparison(Frozen):
             anees=mean(squares.mean(axis=-1)),
             log_scores=placed(logs),
             log_score=mean(logs.sum(axis=-1)),
-            coverages=placed(white.within()),
+            coverages=np.swapaxes(placed(white.within().swapaxes(1, 2)), -1, -2),
             coverage=mean(within(errors, covariances)),
         )
 
     @property
     def table(self) -> DataFrame:
-        """All measures as text, with their 95 % intervals below them, as a data frame of pandas."""
-        try:
-            import pandas as pd
-        except ModuleNotFoundError:
-            raise ModuleNotFoundError(
-                "a comparison prints by pandas, which is not installed: pip install pandas"
-            ) from None
+        """All measures as text, with their 95 % intervals below them; pandas must be installed."""
+        import pandas
+
+        def texts(form: str, *numbers: Array) -> list[str]:
+            rows = zip(*numbers, strict=True)
+            return [form.format(*row) if np.isfinite(row).all() else "" for row in rows]
+
         intervals = self.intervals()
         rows: list[tuple[str, ...]] = []
         for label, form, pick in _ROWS:
-            values, bounds = pick(self.measures), pick(intervals)
-            texts = [form.format(value) if np.isfinite(value) else "" for value in values]
-            ranges = [
-                f"[{form}, {form}]".format(*pair) if np.isfinite(pair).all() else ""
-                for pair in bounds.T
-            ]
-            gap = [""] * (len(HEAD) - len(values))
-            rows += [(label, *texts, *gap), ("", *ranges, *gap)]
+            rows.append((label, *texts(form, pick(self.measures))))
+            rows.append(("", *texts(f"[{form}, {form}]", *pick(intervals))))
         stated = np.sqrt(np.mean(self.sigmas**2, axis=0))
-        rows.insert(4, ("stated sigma", *map("{:.3f}".format, stated), ""))
-        return pd.DataFrame([row[1:] for row in rows], [row[0] for row in rows], HEAD)
+        rows.insert(4, ("stated sigma", *texts("{:.3f}", stated), ""))
+        return pandas.DataFrame([row[1:] for row in rows], [row[0] for row in rows], _HEAD)
 
-    def _notes(self) -> list[str]:
-        judged = self.credibility
-        low, high = judged.bounds
-        return [
-            f"ANEES {judged.anees:.2f} (credible if independent: {low:.2f} to {high:.2f}), "
-            f"NCI {judged.nci:.1f} dB, I2 {judged.inclination:+.1f} dB.",
+    def __repr__(self) -> str:
+        low, high = self.credibility.bounds
+        lines = [
+            f"{len(self.times)} estimates compared, {self.share:.1%} of the track; "
+            f"{self.converged:.1%} converged",
+            "",
+            *map(str.rstrip, self.table.to_string().splitlines()),
+            "",
+            f"ANEES {self.credibility.anees:.2f} (credible if independent: {low:.2f} to {high:.2f})"
+            f", NCI {self.credibility.nci:.1f} dB, I2 {self.credibility.inclination:+.1f} dB.",
             "Whitened squares (ideally 1; all: ANEES), -log density (m/s, rad/s) and shares are of",
             "omega, of v_y given omega, of v_x given both, and of all three together.",
             f"[95 % intervals] from blocks of {self.block} estimates.",
         ]
-
-    def _title(self) -> str:
-        return (
-            f"{len(self.times)} estimates compared, {self.share:.1%} of the track; "
-            f"{self.converged:.1%} converged"
-        )
-
-    def __str__(self) -> str:
-        rows = [row.rstrip() for row in self.table.to_string().splitlines()]
-        return "\n".join([self._title(), "", *rows, "", *self._notes()])
-
-    def _repr_html_(self) -> str:
-        notes = "<br>".join(self._notes())
-        return f"<p>{self._title()}</p>{self.table.to_html(border=0)}<p>{notes}</p>"
-
-    def plot(self) -> Figure:
-        """Draw the errors over time in a band of 3 sigma to either side, and below them the NEES.
-
-        The NEES of a credible estimator lies between the dashed lines in 95 % of the cases.
-        Matplotlib must be installed.
-        """
-        from matplotlib import pyplot as plt
-
-        figure, axes = plt.subplots(4, sharex=True, figsize=(8.0, 8.0), layout="constrained")
-        errors, sigmas = self.errors * IN_UNITS, self.sigmas
-        for ax, name, unit, error, sigma in zip(
-            axes[:3], NAMES, UNITS, errors.T, sigmas.T, strict=True
-        ):
-            band = {"step": "mid", "color": COLOR, "alpha": 0.25, "linewidth": 0.0}
-            ax.fill_between(self.times, -3.0 * sigma, 3.0 * sigma, label="±3 sigma", **band)
-            ax.plot(self.times, error, MARKER, ms=1.5, color=COLOR, label="error")
-            ax.axhline(0.0, **REFERENCE)
-            ax.set_ylabel(f"{name} ({unit})")
-        axes[0].legend(loc="upper right", ncols=2)
-        nees = (self.whitened.values**2).sum(axis=-1)
-        axes[3].semilogy(self.times, nees, MARKER, ms=1.5, color=COLOR)
-        for bound in scipy.special.chdtri(len(self._known), np.array([0.975, 0.025])):
-            axes[3].axhline(bound, **REFERENCE)
-        axes[3].set(ylabel="NEES", xlabel="time (s)")
-        return figure
+        return "\n".join(lines)
 
 
-def _append(directions: Array, together: Array) -> Array:
+def _row(directions: Array, together: ArrayLike = np.nan) -> Array:
     """Values (..., 3) of the three directions and (...) of all together, as (..., 4)."""
-    return np.concatenate([directions, np.expand_dims(together, -1)], axis=-1)
+    beside = np.broadcast_to(np.asarray(together)[..., None], (*directions.shape[:-1], 1))
+    return np.concatenate([directions, beside], axis=-1)
 
 
 # The rows of the table: a label, the form of its numbers, and what they are.
 _ROWS: list[tuple[str, str, Callable[[Measures], Array]]] = [
-    ("RMSE", "{:.3f}", lambda m: m.rmse),
-    ("mean error", "{:+.3f}", lambda m: m.mean_error),
-    ("CRPS", "{:.3f}", lambda m: m.crps),
-    ("whitened square", "{:.2f}", lambda m: _append(m.whitened_squares, m.anees)),
-    ("-log density", "{:.2f}", lambda m: _append(m.log_scores, m.log_score)),
-    ("within 50%", "{:.1%}", lambda m: _append(m.coverages[..., 0], m.coverage[..., 0])),
-    ("within 95%", "{:.1%}", lambda m: _append(m.coverages[..., 1], m.coverage[..., 1])),
-    ("within 99%", "{:.1%}", lambda m: _append(m.coverages[..., 2], m.coverage[..., 2])),
+    ("RMSE", "{:.3f}", lambda m: _row(m.rmse)),
+    ("mean error", "{:+.3f}", lambda m: _row(m.mean_error)),
+    ("CRPS", "{:.3f}", lambda m: _row(m.crps)),
+    ("whitened square", "{:.2f}", lambda m: _row(m.whitened_squares, m.anees)),
+    ("-log density", "{:.2f}", lambda m: _row(m.log_scores, m.log_score)),
+    ("within 50%", "{:.1%}", lambda m: _row(m.coverages[..., 0], m.coverage[..., 0])),
+    ("within 95%", "{:.1%}", lambda m: _row(m.coverages[..., 1], m.coverage[..., 1])),
+    ("within 99%", "{:.1%}", lambda m: _row(m.coverages[..., 2], m.coverage[..., 2])),
 ]
 
 
@@ -290,12 +225,9 @@ def compare(track: Track, reference: Reference) -> Comparison:
     (``drive.truth``) or the measurement of another sensor (``recording.reference``), whose own
     errors are included.  Without one, see `compare_tracks` and `compare_halves`.
 
-    It is interpolated linearly to ``track.times``.  Estimates that did not converge, outside its
-    time span, or where it is nan, are left out.  A direction in which it is nan at all times, as a
-    gyro's speed, is not compared.
-
-    Raises a ``ValueError`` if fewer than four estimates can be compared, as with clocks that
-    differ.
+    It is interpolated linearly.  Estimates that did not converge, outside its time span, or where
+    it is nan, are left out, and directions in which it is nan at all times are not compared.
+    Raises a ``ValueError`` if fewer than four estimates are left, as with clocks that differ.
 
     Examples
     --------
@@ -308,32 +240,30 @@ def compare(track: Track, reference: Reference) -> Comparison:
     """
     check_instance("track", track, Track)
     check_instance("reference", reference, Reference)
-    if not len(track.times):
-        raise ValueError("track must hold at least one estimate, but is empty")
-    first, last = reference.times[[0, -1]]
-    if not ((track.times >= first) & (track.times <= last)).any():
-        raise ValueError(
-            f"reference must overlap the track in time, but extends from {first:g} s to {last:g} s "
-            f"and the track from {track.times[0]:g} s to {track.times[-1]:g} s"
-        )
     errors = track.theta - reference.at(track.times).theta
     return enough(Comparison.from_errors(track, errors), "track and reference have")
 
 
 def check_reference(track: Track, reference: Reference) -> None:
-    """Raise a ValueError if a reference is surely not what it should be: errors mean little then.
+    """Raise a ValueError if a reference has surely another clock, unit or sign than the track.
 
-    It is if the track's velocities are, by linear regression, those of the reference at another
-    time, or another multiple of its speed or yaw rate, and agree with it far better so.
+    By linear regression, the track's speed or yaw rate is then a multiple of it, or its value at
+    another time.
     """
-    good = track.converged
-    times, theta = track.times[good], track.theta[good]
+    times, theta = track.times[track.converged], track.theta[track.converged]
 
     def both(axis: int, lag: float = 0.0) -> tuple[Array, Array]:
         """A velocity of the reference some time later, and the track's."""
         theirs = reference.at(times + lag).theta[:, axis]
         known = np.isfinite(theirs)
         return theirs[known], theta[known, axis]
+
+    def unexplained(lag: float) -> float:
+        """The share of a velocity's variance that a rising linear function of the other leaves."""
+        theirs, own = both(axis, lag)
+        if len(own) <= _PAIRS or not (np.ptp(own) and np.ptp(theirs)):
+            return 1.0
+        return 1.0 - max(float(np.corrcoef(theirs, own)[0, 1]), 0.0) ** 2
 
     for axis, name, hint in ((0, "speed", "km/h"), (2, "yaw rate", "deg/s, or clockwise")):
         theirs, own = both(axis)
@@ -346,20 +276,12 @@ def check_reference(track: Track, reference: Reference) -> None:
             )
     axis, whose = (0, "speeds") if len(both(0)[0]) else (2, "yaw rates")
     span = min(0.5 * float(np.ptp(times)), _CLOCKS) if len(both(axis)[0]) > _PAIRS else 0.0
-    lags = np.arange(-span, span + 0.1, 0.1).tolist()
-    rest, lag = min((_unexplained(*both(axis, lag)), lag) for lag in lags)
-    if rest < _ALIKE and _unexplained(*both(axis)) > 4.0 * rest and abs(lag) > _OFF:
+    rest, lag = min((unexplained(lag), lag) for lag in np.arange(-span, span + 0.1, 0.1).tolist())
+    if rest < _ALIKE and unexplained(0.0) > 4.0 * rest and abs(lag) > _OFF:
         raise ValueError(
             f"reference must have the track's clock, but its {whose} are those of {lag:+.1f} s "
             "later"
         )
-
-
-def _unexplained(theirs: Array, own: Array) -> float:
-    """The share of a velocity's variance that a rising linear function of another leaves."""
-    if len(own) <= _PAIRS or not (np.ptp(own) and np.ptp(theirs)):
-        return 1.0
-    return 1.0 - max(float(np.corrcoef(theirs, own)[0, 1]), 0.0) ** 2
 
 
 def enough(found: Comparison, whose: str) -> Comparison:
@@ -370,3 +292,24 @@ def enough(found: Comparison, whose: str) -> Comparison:
             "needed; are their clocks the same?"
         )
     return found
+
+
+def compare_tracks(first: Track, second: Track) -> Comparison:
+    """Compare two tracks of the same vehicle, from sensors that have no measurement in common.
+
+    ``errors`` are first minus second, at the times of ``first``, and ``covariances`` the sums of
+    both.  ``second`` is interpolated linearly, unless its estimates are more than twice the usual
+    interval apart, with the covariance ``(1 - w)^2 Sigma_i + w^2 Sigma_j`` of independent errors.
+    Raises a ``ValueError`` if fewer than four estimates can be compared, as with clocks that
+    differ.
+    """
+    check_instance("first", first, Track)
+    check_instance("second", second, Track)
+    errors = first.theta - second.at(first.times).theta
+    before, after, weight, _ = neighbours(second, first.times)
+    late = weight[:, np.newaxis, np.newaxis]
+    covariances = first.covariance + (
+        (1.0 - late) ** 2 * second.covariance[before] + late**2 * second.covariance[after]
+    )
+    found = Comparison.from_errors(first, errors, covariances)
+    return enough(found, "first and second have")

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from d2d._checks import check_instance
+from d2d.radar.evaluation.compare import compare_tracks
 from d2d.radar.evaluation.faults import likelier_without
-from d2d.radar.evaluation.halves import compare_tracks
 from d2d.radar.evaluation.sensor_motion import (
     SEEN,
     SensorMotion,
@@ -47,7 +47,7 @@ _SHOWN = 3  # stretches without estimates
 class Finding(NamedTuple):
     """A likely mistake with a log, and the number that shows it."""
 
-    symptom: str  # its row in the page "When a path looks wrong"
+    symptom: str  # a row of the page *When a path looks wrong*
     sensor: str  # its name; empty if it is about all
     number: float
     unit: str
@@ -65,13 +65,9 @@ def diagnose(
     """Return likely mistakes with a log: units, signs, mountings and clocks.
 
     ``driven`` is what `track` returned for these sensors, and ``alone`` what it returned for single
-    ones, by their names.  Each finding has a ``symptom``, a row of the page *When a path looks
-    wrong*, the ``sensor`` it is about (empty if it is about all), the ``number`` that shows it and
-    its ``unit``, and says whether the estimates are ``sure`` to be of no use.
-
-    Not everything can be told from the log: if the azimuths of a single radar that looks straight
-    ahead count clockwise, it is a drive through a mirrored world.  Raises a ``ValueError`` if an
-    argument is invalid.
+    ones, by their names.  Not everything can be told: if the azimuths of a single radar that looks
+    straight ahead count clockwise, it is a drive through a mirrored world.  Raises a ``ValueError``
+    if an argument is invalid.
 
     Examples
     --------
@@ -147,9 +143,7 @@ def _of_times(name: str, scans: Sequence[RadarScan]) -> Iterator[Finding]:
         yield Finding("several time stamps in a scan", name, within, "share", True, about)
         return
     if usual < _FASTEST:
-        about = (
-            f"a scan every {usual:.2g} s; in minutes it is {1.0 / 60.0 / usual:.0f} scans a second"
-        )
+        about = f"a scan every {usual:.2g} s; in minutes it is {1 / 60 / usual:.0f} scans a second"
         yield Finding("times in another unit than s", name, usual, "s", True, about)
     step = next((s for s in _STEPS if np.abs(times / s - np.round(times / s)).max() < 1e-4), 0.0)
     counts = np.bincount(np.round(intervals / step).astype(int)) if step else np.zeros(1)
@@ -179,47 +173,44 @@ def _of_steps(driven: Track) -> Iterator[Finding]:
 # ---- Motion
 
 
-def _of_motion(log: Mapping[str, SensorScans], driven: Track) -> list[Finding]:
+def _of_motion(log: Mapping[str, SensorScans], driven: Track) -> Iterator[Finding]:
     """Clocks that are apart, or else faults that a transformation undoes and turned mountings."""
     motions = {
         name: SensorMotion.of(*sensor, driven)
         for name, sensor in log.items()
         if any(scan.size >= SEEN for scan in sensor[0])
     }
-    clocks = list(_of_clocks(motions))
-    if any(each.sure for each in clocks):
-        return clocks
-    headings = {
-        name: motion.heading
-        for name, motion in motions.items()
-        if motion.share > _TRAFFIC  # else what few targets agree on is an accident
-    }
+    late, lag, likelier = latest(motions) if len(motions) > 1 else ("", 0.0, 0.0)
+    if likelier > _LIKELIER and abs(lag) > _LATE:
+        about = f"{abs(lag):.2f} s {'late' if lag > 0.0 else 'early'} beside the others; "
+        about += f"subtract {lag:+.2f} s"
+        yield Finding("the clock of a sensor is off", late, lag, "s", abs(lag) > _USELESS, about)
+        if abs(lag) > _USELESS:
+            return
+    # what few targets agree on is an accident
+    headings = {name: each.heading for name, each in motions.items() if each.share > _TRAFFIC}
     off = {
         name: _aligned(log[name][1], heading)
         for name, (heading, _) in headings.items()
         if abs(heading) > _TURNED
     }
-    agreed = [range_rates_agree(scans) for scans, _ in log.values()]
-    scaled = all(share > _AGREED for share in agreed)
-    likelier = likelier_without(log, off, scaled=scaled)
-    if likelier:
-        about = "intervals are {:.1f} nats more likely without it"
-        return clocks + [
-            Finding(fault.symptom, fault.sensor, nats, "nats", True, about.format(nats))
-            for fault, nats in likelier
-        ]
+    scaled = all(range_rates_agree(scans) > _AGREED for scans, _ in log.values())
+    faults = likelier_without(log, off, scaled=scaled)
+    for fault, nats in faults:
+        about = f"intervals are {nats:.1f} nats more likely without it"
+        yield Finding(fault.symptom, fault.sensor, nats, "nats", True, about)
+    if faults:
+        return
     share = min((motion.share for motion in motions.values()), default=1.0)
     if scaled and share < _TRAFFIC and not driven.support.enough:
         about = f"ranges change as Doppler velocities say, but {share:.0%} agree on one motion"
-        return [*clocks, Finding("most targets move", "", share, "share", True, about)]
+        yield Finding("most targets move", "", share, "share", True, about)
+        return
     distorted = list(_of_distortion(log, driven))
-    told = {each.sensor for each in distorted}
-    turned = [
-        each
-        for each in _of_headings(headings, log)
-        if each.sure or each.sensor not in told  # what is distorted seems turned
-    ]
-    return [*clocks, *turned, *distorted]
+    told = {each.sensor for each in distorted}  # what is distorted seems turned
+    turned = _of_headings(headings, log)
+    yield from (each for each in turned if each.sure or each.sensor not in told)
+    yield from distorted
 
 
 def _aligned(mounting: Mounting, heading: float) -> Mounting:
@@ -256,17 +247,6 @@ def _of_headings(
         yield Finding("a mounting is turned", name, degrees, "deg", gross, about)
 
 
-def _of_clocks(motions: Mapping[str, SensorMotion]) -> Iterator[Finding]:
-    """The sensor whose Doppler velocities are those of the others at another time, if any are."""
-    if len(motions) < 2:
-        return
-    name, lag, likelier = latest(motions)
-    if likelier > _LIKELIER and abs(lag) > _LATE:
-        about = f"{abs(lag):.2f} s {'late' if lag > 0.0 else 'early'} beside the others; "
-        about += f"subtract {lag:+.2f} s"
-        yield Finding("the clock of a sensor is off", name, lag, "s", abs(lag) > _USELESS, about)
-
-
 def _of_distortion(log: Mapping[str, SensorScans], driven: Track) -> Iterator[Finding]:
     """Azimuths at which the Doppler velocities are not those of the motion at the others."""
     for name, sensor in log.items():
@@ -292,13 +272,13 @@ def _of_track(driven: Track, alone: Mapping[str, Track]) -> Iterator[Finding]:
             about = f"the ANEES of their differences is {anees:.0f}, ideally 1; mountings, clocks"
             both = f"{first} and {second}"
             yield Finding("sensors contradict each other", both, anees, "", False, about)
-    support = driven.support
-    if support.guessed:
-        longest = sorted(support.guessed, key=lambda span: span[0] - span[1])[:_SHOWN]
+    guessed = driven.support.guessed
+    if guessed:
+        longest = sorted(guessed, key=lambda span: span[0] - span[1])[:_SHOWN]
         spans = ", ".join(f"from {begin:.1f} to {end:.1f} s" for begin, end in sorted(longest))
-        more = len(support.guessed) - len(longest)
-        spans += f" and {more} times more" if more else ""
-        about = f"no estimate {spans}; the path is guessed there"
+        more = len(guessed) - len(longest)
+        about = f"no estimate {spans}{f' and {more} times more' if more else ''}"
+        about += "; the path is guessed there"
         lasting = longest[0][1] - longest[0][0]
         yield Finding("a stretch without estimates", "", lasting, "s", False, about)
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from d2d._checks import check_finite
 from d2d._types import Array
-from d2d.radar.evaluation.sandwich import covariance_of_sum, sqrt_standard_errors
+from d2d.radar.evaluation.sandwich import covariance_of_sum
 from d2d.radar.scans.budget import ErrorBudget
 from d2d.scores import checked_errors, log_score
 
@@ -20,38 +20,23 @@ _SPREAD = (0.1, 0.9)  # quantiles of the errors' squares, at which the search st
 _TOLERANCE = 1e-8  # of the mean log score's gradient, per relative change of a variance
 _LEVEL = 1e-4  # that it may have where rounding ends the search
 _QUANTILE = 1.96  # of a normal distribution, for intervals of 95 %
-_CONSTANTS = dict(
-    zip(("v_x", "v_y", "omega"), np.eye(3)[:, :, None] * np.eye(3)[:, None], strict=True)
-)
-# What can be fitted, each with the unit in which it is shown.
-_SHOWN = {
-    "v_x": (1.0, "m/s"),
-    "v_y": (1.0, "m/s"),
-    "omega": (np.rad2deg(1.0), "deg/s"),
-    "azimuth": (np.rad2deg(1.0), "deg"),
-    "doppler": (1.0, "m/s"),
-    "scale": (100.0, "%"),
-    "lag": (1.0, "s"),
-}
+_FITTED = ("v_x", "v_y", "omega", "azimuth", "doppler", "scale", "lag")
 
 
 @dataclass(frozen=True, eq=False)
 class BudgetFit:
     """Numbers of an error budget and how well the errors determine them.
 
-    The ``names`` of the p numbers that were fitted give the order of their standard errors
-    ``sigmas`` (p,), in their own units, and of their 95 % intervals ``bounds`` (2, p); the rest of
-    the ``budget`` is zero.  An interval that begins at zero says that the errors do not tell the
-    number from none, and its end how large it may be.  ``log_score`` is the mean negative log
-    density of the errors with these numbers, see `d2d.log_score`, and ``estimates`` their number.
+    The rest of the ``budget`` is zero.  An interval that begins at zero says that the errors do not
+    tell the number from none, and its end how large it may be.
     """
 
     budget: ErrorBudget
-    names: tuple[str, ...]
-    sigmas: Array
-    bounds: Array
-    log_score: float
-    estimates: int
+    names: tuple[str, ...]  # of the p numbers that were fitted
+    sigmas: Array  # (p,), their standard errors, in their own units
+    bounds: Array  # (2, p), their 95 % intervals
+    log_score: float  # mean negative log density of the errors, see `d2d.log_score`
+    estimates: int  # number of errors
 
     @property
     def values(self) -> Array:
@@ -61,11 +46,7 @@ class BudgetFit:
     def __repr__(self) -> str:
         """The numbers with their intervals."""
         rows = zip(self.names, self.values, *self.bounds, strict=True)
-        parts = []
-        for name, *numbers in rows:
-            unit, symbol = _SHOWN[name]
-            value, low, high = (unit * number for number in numbers)
-            parts.append(f"{name} {value:.3f} [{low:.3f}, {high:.3f}] {symbol}")
+        parts = ["{} {:.3g} [{:.3g}, {:.3g}]".format(*row) for row in rows]
         return f"BudgetFit({', '.join(parts)}; {self.estimates} estimates)"
 
 
@@ -74,11 +55,10 @@ def fit_budget(
 ) -> BudgetFit:
     """Fit numbers of an error budget to errors of estimates, by maximum likelihood.
 
-    The propagated noise of the targets is too small by what does not average out over them.  The
-    simplest model of this adds the same three variances to every covariance, whatever the number of
-    targets and sensors: that is fitted by default.  With ``effects`` it is the standard deviations
-    of causes, such as an azimuth bias, each of which changes every estimate in its own way.
-    Neither holds where few targets are left.
+    By default, three variances are fitted that add to every covariance, whatever the number of
+    targets and sensors.  With ``effects`` it is the standard deviations of causes, such as an
+    azimuth bias, each of which changes every estimate in its own way.  Neither holds where few
+    targets are left.
 
     Raises a ``ValueError`` that names the argument if shapes or values are wrong, there are fewer
     errors than numbers, or two effects are the same in all estimates.
@@ -96,22 +76,8 @@ def fit_budget(
         ``"omega"``, what a standard deviation of one adds to each covariance: products of the
         columns of ``FilterInput.slow``, over the squared number of the budget that made them.
 
-    Notes
-    -----
-    The numbers minimise the mean log score of the covariances C_i + sum_j u_j E_ij, u >= 0, with
-    their squares u and the effects E; a number is zero if the score rises from there on.  Numbers
-    and noise are told apart where the shares of the effects differ between estimates.
-
-    The standard errors allow for errors that stay the same for a while, and that are not Gaussian:
-    u has the covariance ``H^-1 B H^-1`` (sandwich) with the information H and the variance B of the
-    sum of the scores' slopes, from overlapping blocks of successive estimates (`d2d.block_length`).
-    Intervals are computed in u.  They cannot know of errors that change from drive to drive, if all
-    are of one drive.
-
     Examples
     --------
-    Noise that differs from one estimate to the next, and errors that do not:
-
     >>> import numpy as np
     >>> from d2d.radar import fit_budget
     >>> rng = np.random.default_rng(0)
@@ -121,15 +87,11 @@ def fit_budget(
     >>> fit.bounds.round(3)
     array([[0.037, 0.   , 0.007],
            [0.044, 0.007, 0.014]])
-
-    From a drive with a reference, and for it or another one::
-
-        found = compare(track(drive, budget=ErrorBudget()), drive.reference)
-        fit = fit_budget(found.errors, found.covariances)
-        driven = track(another, budget=fit.budget)
     """
     e, noise = checked_errors(errors, covariances)
-    names, causes = _checked_effects(_CONSTANTS if effects is None else effects, len(e))
+    if effects is None:
+        effects = {name: np.diag(row) for name, row in zip(_FITTED, np.eye(3), strict=False)}
+    names, causes = _checked_effects(effects, len(e))
     if e.shape[1] != 3 or len(e) <= len(names):
         raise ValueError(
             f"errors must have the shape (n, 3) with n at least {len(names) + 1}, but has {e.shape}"
@@ -141,9 +103,10 @@ def fit_budget(
             variances = model.scale * relative
             of_squares = model.scale * _standard_errors(model, relative, names)
             score = float(log_score(e, noise + np.einsum("p,pnij->nij", variances, causes)).mean())
+            good = bool(np.isfinite([score, *variances, *of_squares]).all())
     except np.linalg.LinAlgError:
-        score = np.nan
-    if not (np.isfinite(score) and np.isfinite([variances, of_squares]).all()):
+        good = False
+    if not good:
         raise ValueError(
             "covariances must be of sizes that can be compared, but what is to be added to them "
             "cannot be told beside all of them"
@@ -151,8 +114,10 @@ def fit_budget(
     values, margin = np.sqrt(variances), _QUANTILE * of_squares
     bounds = np.sqrt([np.maximum(variances - margin, 0.0), variances + margin])
     fitted = dict(zip(names, values.tolist(), strict=True))
+    with np.errstate(all="ignore"):  # the root of a square close to zero: one standard error of it
+        sigmas = np.fmin(np.sqrt(of_squares), of_squares / (2.0 * values))
     budget = ErrorBudget(**fitted, source=f"fitted to {len(e)} errors")
-    return BudgetFit(budget, names, sqrt_standard_errors(values, of_squares), bounds, score, len(e))
+    return BudgetFit(budget, names, sigmas, bounds, score, len(e))
 
 
 def _checked_effects(effects: Mapping[str, ArrayLike], count: int) -> tuple[tuple[str, ...], Array]:
@@ -162,8 +127,8 @@ def _checked_effects(effects: Mapping[str, ArrayLike], count: int) -> tuple[tupl
         raise ValueError("effects must be a mapping with at least one number of the budget")
     arrays = []
     for name, effect in effects.items():
-        if name not in _SHOWN:
-            raise ValueError(f"effects must be of {', '.join(_SHOWN)}, not {name!r}")
+        if name not in _FITTED:
+            raise ValueError(f"effects must be of {', '.join(_FITTED)}, not {name!r}")
         each = check_finite(f"effects[{name!r}]", effect, f"({count}, 3, 3)", "(3, 3)")
         if not each.any():
             raise ValueError(f"effects[{name!r}] is zero: the errors say nothing about it")
@@ -197,35 +162,30 @@ class _Model(NamedTuple):
         starts = np.array([*np.multiply.outer(_STARTS, np.ones(len(scale))), *spread])
         return cls(errors, scale[:, None, None, None] * effects, scale, starts)
 
-    def at(self, relative: Array) -> tuple[Array, Array]:
-        """The inverses P (n, 3, 3) of the covariances with these u (p,), and P e (n, 3)."""
+    def at(self, relative: Array) -> tuple[Array, Array, Array]:
+        """Log scores (n,) with these u (p,) but for what is constant, and their slopes (n, p).
+
+        With them come the inverses (n, 3, 3) of the covariances.
+        """
         covariances = np.eye(3) + np.einsum("p,pnij->nij", relative, self.effects)
         precisions = np.asarray(np.linalg.inv(covariances), np.float64)
-        return precisions, np.asarray(np.einsum("nij,nj->ni", precisions, self.errors))
-
-    def slopes(self, precisions: Array, weighted: Array) -> Array:
-        """Derivatives (n, p) of each error's log score in u."""
-        squares = weighted[:, :, None] * weighted[:, None, :]
-        return np.asarray(0.5 * np.einsum("nij,pnij->np", precisions - squares, self.effects))
+        weighted = np.einsum("nij,nj->ni", precisions, self.errors)
+        scores = np.einsum("ni,ni->n", self.errors, weighted) - np.linalg.slogdet(precisions)[1]
+        rest = precisions - weighted[:, :, None] * weighted[:, None, :]
+        return 0.5 * scores, 0.5 * np.einsum("nij,pnij->np", rest, self.effects), precisions
 
 
 def _most_likely(model: _Model) -> Array:
     """The u (p,) of smallest mean log score, none of them negative."""
 
     def score(relative: Array) -> tuple[float, Array]:
-        precisions, weighted = model.at(relative)
-        value = np.einsum("ni,ni->n", model.errors, weighted) - np.linalg.slogdet(precisions)[1]
-        return 0.5 * float(value.mean()), model.slopes(precisions, weighted).mean(axis=0)
+        scores, slopes, _ = model.at(relative)
+        return float(scores.mean()), slopes.mean(axis=0)
 
+    options: Any = {"options": {"gtol": _TOLERANCE, "ftol": 0.0}, "method": "L-BFGS-B"}
+    bounds = [(0.0, None)] * len(model.scale)
     optima = [
-        scipy.optimize.minimize(
-            score,
-            start,
-            jac=True,
-            bounds=[(0.0, None)] * len(start),
-            method="L-BFGS-B",
-            options={"gtol": _TOLERANCE, "ftol": 0.0},
-        )
+        scipy.optimize.minimize(score, start, jac=True, bounds=bounds, **options)
         for start in model.starts
     ]
     best = np.asarray(min(optima, key=lambda optimum: float(optimum.fun)).x)
@@ -237,19 +197,20 @@ def _most_likely(model: _Model) -> Array:
 
 def _standard_errors(model: _Model, relative: Array, names: Sequence[str]) -> Array:
     """Standard errors (p,) of the fitted u."""
-    precisions, weighted = model.at(relative)
-    spread, _ = covariance_of_sum(model.slopes(precisions, weighted))
+    _, slopes, precisions = model.at(relative)
+    spread, _ = covariance_of_sum(slopes)
     shares = precisions @ model.effects
     information = 0.5 * np.einsum("pnij,qnji->pq", shares, shares)
     scale = np.sqrt(np.diagonal(information))
     if not (np.isfinite(information).all() and scale.all()):
         return np.full(len(scale), np.nan)
-    values, vectors = np.linalg.eigh(information / np.outer(scale, scale))
+    units = np.outer(scale, scale)
+    values, vectors = np.linalg.eigh(information / units)
     if values[0] < _DISTINCT:
         alike = [name for name, part in zip(names, vectors[:, 0], strict=True) if abs(part) > 0.1]
         raise ValueError(
             f"effects must differ between the estimates, but {' and '.join(alike)} have the same "
             "in all of them: leave one out"
         )
-    inverse = np.linalg.inv(information / np.outer(scale, scale)) / np.outer(scale, scale)
+    inverse = np.linalg.inv(information / units) / units
     return np.asarray(np.sqrt(np.diagonal(inverse @ spread @ inverse)))

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.ndimage import median_filter
+from scipy.signal import correlate
 
 from d2d._types import Array
 from d2d.radar.evaluation.calibration_model import scan_velocities
@@ -49,14 +50,14 @@ class SensorMotion(NamedTuple):
         """The velocities of all scans with five targets and more that determine one."""
         seen = [scan for scan in scans if scan.size >= SEEN]
         shown = scan_velocities([(seen, mounting)])
-        good = (np.linalg.cond(shown.information) < 1e4) & (shown.targets >= SEEN)
-        times, covariance = shown.time[good], np.linalg.inv(shown.information[good])
-        velocity = np.einsum("kij,kj->ki", covariance, shown.projection[good])
+        good = (np.linalg.cond(shown.triangle[:, :2, :2]) < 1e2) & (shown.targets >= SEEN)
+        times, triangle = shown.time[good], shown.triangle[good]
+        root = np.linalg.inv(triangle[:, :2, :2])
+        velocity = np.einsum("kij,kj->ki", root, triangle[:, :2, 2])
         share = float(shown.targets[good].sum() / sum(scan.size for scan in seen))
         usable = len(driven.segments) == 1 and driven.support.enough
         tracked = driven.at(times).theta if usable else np.full((len(times), 3), np.nan)
-        sigma = np.sqrt(np.trace(covariance, axis1=1, axis2=2))
-        return cls(times, velocity, sigma, tracked, mounting, share)
+        return cls(times, velocity, np.linalg.norm(root, axis=(1, 2)), tracked, mounting, share)
 
     @property
     def origin(self) -> Array:
@@ -68,8 +69,7 @@ class SensorMotion(NamedTuple):
     def heading(self) -> tuple[float, float]:
         """The direction in which the vehicle's origin drives, and its standard deviation, in rad.
 
-        Seen from an origin on the rear axle it is zero if the mounting is right.  A lever arm c
-        along x that is not known adds c omega / v in bends.
+        Zero if the mounting is right.  A lever arm c that is not known adds c omega / v in bends.
         """
         origin, speed = self.origin, np.hypot(*self.origin.T)
         fast, guessed = speed > _KNOWN * self.sigma, bool(np.isnan(self.tracked).all())
@@ -84,8 +84,9 @@ class SensorMotion(NamedTuple):
         angle = np.arctan2(origin[fast, 1], origin[fast, 0])
         middle = float(np.angle(np.sum(np.exp(1j * angle) / sigma**2)))
         off = wrapped(angle - middle)
-        usual = float(np.median(np.abs(off - np.median(off))))
-        near = np.abs(off - np.median(off)) < 5.0 * max(1.4826 * usual, np.deg2rad(0.1))
+        aside = np.abs(off - np.median(off))
+        usual = float(np.median(aside))
+        near = aside < 5.0 * max(1.4826 * usual, np.deg2rad(0.1))
         weight = 1.0 / sigma[near] ** 2 / np.sum(1.0 / sigma[near] ** 2)
         best = float(weight @ off[near])
         ((variance,),), _ = covariance_of_sum((weight * (off[near] - best))[:, None])
@@ -102,8 +103,7 @@ def wrapped(angle: Any) -> Any:
 def range_rates_agree(scans: Sequence[RadarScan]) -> float:
     """The share of targets whose ranges change as their Doppler velocities say; nan if too few.
 
-    Then ranges, Doppler velocities and times have the right units and signs, whatever moves.  Only
-    targets count that move farther than the noise of their ranges until a scan some time later.
+    Only those count that move farther than the noise of their ranges until a scan some time later.
     """
     times = np.array([scan.time for scan in scans])
     usual = float(np.median(np.diff(times))) if len(times) > 1 else 1.0
@@ -144,53 +144,44 @@ def latest(motions: Mapping[str, SensorMotion]) -> tuple[str, float, float]:
 def _lag(own: SensorMotion, other: SensorMotion) -> tuple[float, float]:
     """The most likely lag of a sensor beside another in s, and the nats that it gains.
 
-    At the right lag, both show one velocity of the vehicle's origin, but for the angle of a
-    mounting that may be wrong.  It must be likelier than zero, and than any that is a second away:
-    a velocity may be periodic.
+    Both show one velocity then, but for the angle of a mounting.  It must be likelier than zero,
+    and than any that is a second away: a velocity may be periodic.
     """
     if min(len(own.times), len(other.times)) < SEEN:
         return 0.0, 0.0
     begin = max(own.times[0], other.times[0]) - _LAGS
     end = min(own.times[-1], other.times[-1], begin + _LONGEST) + _LAGS
     times = np.arange(begin, end, _LAG_STEP)
-    mine, theirs = (
-        np.interp(
-            times,
-            each.times,
-            median_filter(each.origin, (_SMOOTHED, 1)) @ [1, 1j],
-            left=np.nan,
-            right=np.nan,
-        )
-        for each in (own, other)
-    )
-    noise = float(np.mean(own.sigma**2) + np.mean(other.sigma**2))
     count = int(min(_LAGS, np.ptp(own.times), np.ptp(other.times)) / _LAG_STEP)
-    lags = _LAG_STEP * np.arange(-count, count + 1)
-    rest, lengths = np.full(len(lags), np.nan), np.zeros(len(lags))
-    for i, shift in enumerate(range(-count, count + 1)):
-        a, b = mine[max(shift, 0) : len(times) + min(shift, 0)], theirs[max(-shift, 0) :]
-        a, b = a[: len(b)], b[: len(a)]
-        known = np.isfinite(a) & np.isfinite(b)
-        lengths[i] = _LAG_STEP * known.sum()
-        if lengths[i] < _OVERLAP:
-            continue
-        a, b = a[known], b[known]
-        left = np.mean(np.abs(a) ** 2 + np.abs(b) ** 2) - 2.0 * np.abs(np.mean(a * np.conj(b)))
-        if shift == 0 or left < (1.0 - _EXPLAINED) * np.var(a):
-            rest[i] = max(left, noise)
-    if np.isnan(rest[count]):
+    if len(times) <= count:
         return 0.0, 0.0
-    gains = np.nan_to_num(lengths / _LASTING * np.log(rest[count] / rest))
+    rows = []
+    for each in (own, other):
+        smooth = median_filter(each.origin, (_SMOOTHED, 1)) @ [1, 1j]
+        rows.append(np.interp(times, each.times, smooth, np.nan, np.nan))
+    (a, b), (seen, seen_there) = np.nan_to_num(rows), np.isfinite(rows).astype(float)
+    lags = _LAG_STEP * np.arange(-count, count + 1)
+    pairs = [(seen, seen_there), (np.abs(a) ** 2, seen_there), (seen, np.abs(b) ** 2)]
+    pairs += [(a, b), (a, seen_there)]  # zero where one is not known
+    there = slice(len(times) - 1 - count, len(times) + count)
+    shared, *sums = (correlate(*pair)[there] for pair in pairs)
+    shared = np.round(shared)
+    of_own, of_other, product, middle = sums / np.maximum(shared, 1.0)
+    left = (of_own + of_other).real - 2.0 * np.abs(product)
+    explained = left < (1.0 - _EXPLAINED) * (of_own.real - np.abs(middle) ** 2)
+    known = (_LAG_STEP * shared >= _OVERLAP) & (explained | (lags == 0.0))
+    if not known[count]:
+        return 0.0, 0.0
+    noise = float(np.mean(own.sigma**2) + np.mean(other.sigma**2))
+    rest = np.maximum(np.where(known, left, left[count]), noise)
+    gains = _LAG_STEP * shared / _LASTING * np.log(rest[count] / rest)
     best = int(gains.argmax())
     elsewhere = gains[np.abs(lags - lags[best]) > _LASTING].max(initial=0.0)
     return float(lags[best]), float(gains[best] - elsewhere)
 
 
 def residuals_of(sensor: SensorScans, driven: Track) -> tuple[Array, Array]:
-    """Azimuth (rad) and Doppler residual (m/s), each (n,), of the targets that stand still.
-
-    They are those that are near the velocity that the track has at their time.
-    """
+    """Azimuth (rad) and Doppler residual (m/s), each (n,), of the targets that stand still."""
     scans, mounting = sensor
     found = [np.empty((2, 0))]
     for part in driven.segments:
@@ -206,9 +197,9 @@ def residuals_of(sensor: SensorScans, driven: Track) -> tuple[Array, Array]:
 
 
 def distortion(sensor: SensorScans, driven: Track) -> tuple[float, float, float] | None:
-    """The azimuths (rad) between which Doppler velocities are those of one motion.
+    """The azimuths (rad) between which Doppler velocities are those of one motion, if not all are.
 
-    With the largest deviation (m/s) beyond them.  None where there is none, or too few targets.
+    With the largest deviation (m/s) beyond them.
     """
     azimuth, residual = residuals_of(sensor, driven)
     bins = min(_BINS, len(azimuth) // _IN_BIN)
@@ -226,10 +217,10 @@ def distortion(sensor: SensorScans, driven: Track) -> tuple[float, float, float]
             part = slice(first, first + used)
             of_part = columns[part] * weight[part, None], offset[part] * weight[part]
             rest = offset - columns @ np.linalg.lstsq(*of_part)[0]
-            if used < bins and (np.abs(rest[part]) < limit[part]).all():
+            if (np.abs(rest[part]) < limit[part]).all():
+                if used == bins:
+                    return None
                 low = azimuth[parts[first]].min() if first else -np.pi
                 high = azimuth[parts[first + used - 1]].max() if first + used < bins else np.pi
                 return float(low), float(high), float(rest[np.abs(rest).argmax()])
-            if (np.abs(rest[part]) < limit[part]).all():
-                return None
     return None

@@ -92,7 +92,7 @@ class RadarScan(Frozen):
     counter-clockwise from the boresight, and ``doppler`` in m/s, positive for receding targets; K
     may be 0.  The standard deviations ``sigma_range``, ``sigma_azimuth`` and ``sigma_doppler`` are
     numbers or arrays (K,) in the same units, and so is the ``extent`` in m, by which a target's
-    reflection point scatters along each axis; see `estimate_extent`.  With an ``elevation`` (K,) in
+    reflection point scatters along each axis.  With an ``elevation`` (K,) in
     rad, positive upwards, ranges and Doppler velocities are along the inclined line of sight; the
     ``sigma_elevation`` in rad is by default that of the azimuth.
 

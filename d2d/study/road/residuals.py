@@ -59,13 +59,13 @@ def fit_correction(velocities: ScanVelocities, odometry: Reference) -> Correctio
     ``odometry`` must be uncorrected: read with ``time_offset=0``.
     """
     found = fit(_model(velocities, odometry), 0.0, MAX_OFFSET)
-    _, speed, slip, *yaw, _ = map(float, found.parameters)
-    return Correction(found.lag, slip, speed, tuple(yaw), float(np.sqrt(found.mean_square)))
+    lag, speed, slip, *yaw, _ = map(float, found.parameters)
+    return Correction(lag, slip, speed, tuple(yaw), float(np.sqrt(found.mean_square)))
 
 
 def _model(velocities: ScanVelocities, odometry: Reference) -> CalibrationModel:
     """The model of all sensors with one odometry, without a bias, and a slip as v_x omega."""
-    model = CalibrationModel.of(velocities, [odometry] * velocities.sensors, (1,))
+    model = CalibrationModel.of(velocities, [odometry] * len(np.unique(velocities.sensor)), (1,))
     free = model.free.copy()
     free[-1] = False
     return replace(model, free=free)

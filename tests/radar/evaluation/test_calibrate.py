@@ -118,17 +118,16 @@ def measured(rng, lag: float, duration: float) -> ScanVelocities:
     """What the scans of `drive` say, without the search for their static targets."""
     sensor = np.repeat([0, 1], round(10 * duration))
     time = 0.1 * (np.arange(len(sensor)) % round(10 * duration)) + 0.03 * sensor
-    place = np.array([[m.x, m.y] for m in MOUNTINGS])[sensor]
+    place = np.array([complex(m.x, m.y) for m in MOUNTINGS])[sensor]
     v_x, omega = driven(time - lag).T
     velocity = np.column_stack(
-        [v_x - omega * place[:, 1], LAW.lateral(v_x, omega) + omega * place[:, 0]]
+        [v_x - omega * place.imag, LAW.lateral(v_x, omega) + omega * place.real]
     )
     turned = np.einsum("kij,kj->ki", rigid.rotation(-YAW[sensor]), velocity)
     turned += 0.02 * rng.standard_normal(turned.shape)
-    information = np.tile(2500.0 * np.eye(2), (len(sensor), 1, 1))
-    square = 2500.0 * (turned**2).sum(axis=1)
-    ones = np.ones(len(sensor), dtype=np.int64)
-    return ScanVelocities(sensor, place, time, information, 2500.0 * turned, square, ones)
+    triangle = np.zeros((len(sensor), 3, 3))
+    triangle[:, [0, 1], [0, 1]], triangle[:, :2, 2] = 50.0, 50.0 * turned
+    return ScanVelocities(sensor, place, time, triangle, np.ones(len(sensor), dtype=np.int64))
 
 
 def test_the_standard_deviations_are_those_of_the_errors():
@@ -264,7 +263,7 @@ def test_what_cannot_be_calibrated_is_refused_by_name():
         ([entry[:2]], {}, r"^recordings\[0\] must be a tuple"),
         ([(scans[:1], *entry[1:])], {}, r"^recordings\[0\] must have at least two scans"),
         ([(empty, *entry[1:])], {}, r"^recordings\[0\] must have at least two scans"),
-        ([(*entry[:2], still)], {}, r"^recordings\[0\] must be of a moving vehicle"),
+        ([(*entry[:2], still)], {}, r"^recordings\[0\] must have a moving vehicle"),
         ([(*entry[:2], gyro)], {}, r"^recordings\[0\] must have .* speeds and yaw rates"),
         ([(*entry[:2], late)], {}, "^the references of recordings must cover the times"),
         ([(*entry[:2], back)], {}, r"^recordings\[0\] must have a reference .* increasing"),

@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from matplotlib import pyplot as plt
 from numpy.testing import assert_allclose, assert_array_equal
 
 from d2d import block_bootstrap, coverage, credibility, crps, log_score, whiten
@@ -61,8 +60,8 @@ def test_what_cannot_be_compared_is_refused_by_name():
     driven, reference = example()
     late = Reference(reference.times + 1e6, reference.theta, reference.poses)
     for given, beside, message in (
-        (driven, late, "reference must overlap the track in time"),
-        (EMPTY, reference, "track must hold at least one"),
+        (driven, late, "track and reference have 0 .* clocks"),
+        (EMPTY, reference, "have 0 converged"),
         (failed(driven, slice(3, None)), reference, "have 3 converged estimates"),
     ):
         with pytest.raises(ValueError, match=message):
@@ -88,7 +87,6 @@ def test_only_directions_that_the_reference_has_are_judged():
         for name in ("rmse", "whitened_squares", "coverages"):
             assert np.isnan(getattr(found.measures, name)[lacking]).all()
         assert (found.table.iloc[[0, 1], lacking] == "").all(axis=None)
-        plt.close(found.plot())
 
 
 WRONG = {
@@ -217,26 +215,12 @@ def test_the_table_holds_each_number_in_its_column():
     assert f"ANEES {m.anees:.2f} " in text
     assert max(map(len, text.splitlines())) <= 100
     assert text == str(compare(*example(factor=3.0)))
-    assert all(cell in found._repr_html_() for cell in table.to_numpy().ravel())
 
 
-def test_a_comparison_without_pandas_says_what_to_install(monkeypatch):
-    """Breaks if its numbers need pandas, or its print fails without a hint."""
+def test_only_the_table_of_a_comparison_needs_pandas(monkeypatch):
+    """Breaks if its numbers need it, too."""
     monkeypatch.setitem(sys.modules, "pandas", None)
     found = compare(*example())
     assert found.measures.anees > 0.0
-    with pytest.raises(ModuleNotFoundError, match="pip install pandas"):
+    with pytest.raises(ModuleNotFoundError, match="pandas"):
         str(found)
-
-
-def test_plot_draws_errors_bands_and_nees():
-    """Breaks if omega is drawn in radians, or a band is not of three standard deviations."""
-    found = compare(*example())
-    figure = found.plot()
-    *directions, last = figure.axes
-    for i, ax in enumerate(directions):
-        assert_allclose(ax.lines[0].get_ydata(), found.errors[:, i] * DEGREES[i])
-        edge = ax.collections[0].get_paths()[0].vertices[:, 1].max()
-        assert_allclose(edge, 3.0 * found.sigmas[:, i].max())
-    assert_allclose(last.lines[0].get_ydata(), found.credibility.nees, rtol=1e-6)
-    plt.close(figure)
