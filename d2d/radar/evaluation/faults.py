@@ -61,6 +61,11 @@ class Epoch(dict[str, ScanPair]):
         """The later scans, with their mountings."""
         return [(pair.current, pair.mounting) for pair in self.values()]
 
+    @property
+    def size(self) -> int:
+        """Targets of the later scans."""
+        return sum(scan.size for scan, _ in self.views)
+
     @cached_property
     def by_positions(self) -> Estimate:
         """The velocity that the positions alone show."""
@@ -80,13 +85,11 @@ class Epoch(dict[str, ScanPair]):
 
 
 class Fault(NamedTuple):
-    """A fault, and how to undo it in the scans and mountings of an interval."""
+    """A fault, and the log-likelihood of an interval once it is undone there."""
 
     symptom: str
     sensor: str  # its name; empty if it is about all
-    undo: Callable[[Epoch], Epoch]
-    volume: float = 0.0  # nats per target: log of the factor between the units of densities
-    doppler: bool = True  # whether it has Doppler velocities once it is undone
+    without: Callable[[Epoch], float]
 
 
 def likelier_without(
@@ -106,18 +109,12 @@ def likelier_without(
     if not epochs:
         return []
     # without the motion where positions travel with the vehicle, as those of a guardrail
-    compensated = [_moved(each, -doppler_ego_motion(each.views).theta) for each in epochs]
-    ways = zip(epochs, compensated, strict=True)
-    stated = np.array([max(each.likelihood, other.likelihood) for each, other in ways])
+    stated = [max(e.likelihood, _moved(e, -doppler_ego_motion(e.views).theta)) for e in epochs]
+    pairs = [*zip(epochs, stated, strict=True)]
 
     def gains(fault: Fault, step: int = 1) -> Array:
         """Nats that every ``step``-th interval gains without the fault."""
-        sizes = [sum(scan.size for scan, _ in epoch.views) for epoch in epochs[::step]]
-        undone = [
-            fault.undo(each).likelihood if fault.doppler else -float(each.by_positions.value)
-            for each in epochs[::step]
-        ]
-        return np.asarray(undone + fault.volume * np.array(sizes) - stated[::step])
+        return np.array([fault.without(e) - own for e, own in pairs[::step]])
 
     tried = [fault for fault in _table(log, scaled=scaled) if gains(fault, _FIRST).mean() > 0.0]
     found = [(fault, gains(fault)) for fault in tried]
@@ -125,7 +122,7 @@ def likelier_without(
     if not likelier:
         return []
     best = max((each for _, each in likelier), key=lambda each: np.median(each) + each.mean())
-    if turned and _is_clear(gains(Fault("", "", partial(_mounted, mountings=turned))) - best):
+    if turned and _is_clear(gains(_mounted("", "", turned)) - best):
         return []
     return [
         (fault, float(np.mean(each)))
@@ -137,7 +134,7 @@ def likelier_without(
 def _is_clear(gains: Array) -> bool:
     """Whether nats (n,) of single intervals together speak for a fault.
 
-    A fault may show in some of them only, so that chance is judged by what speaks against it.
+    It may show in some of them only, so that chance is judged by what speaks against it.
     """
     clipped = np.clip(gains, -_MOST, _MOST)
     chance = math.sqrt(2.0 * float((np.minimum(clipped, 0.0) ** 2).sum()))
@@ -164,17 +161,17 @@ def _table(log: Mapping[str, SensorScans], *, scaled: bool) -> Iterator[Fault]:
         limit = float(np.abs(values).max(initial=0.0))
         if limit > _LEAST_LIMIT:
             yield Fault("Doppler velocities are folded", "", partial(_unfolded, limit=limit))
-        volume = -math.log(max(DEFAULT_DOPPLER_WIDTH, float(np.ptp(values))))
-        yield Fault("Doppler velocities show another motion", "", Epoch, volume, doppler=False)
-    yield _each("x and y are swapped", "", _swapped)
+        volume = math.log(max(DEFAULT_DOPPLER_WIDTH, float(np.ptp(values))))
+        alone = "Doppler velocities show another motion"
+        yield Fault(alone, "", lambda e: -float(e.by_positions.value) - volume * e.size)
+    yield _changed("x and y are swapped", "", _swapped)
     at = {name: mounting for name, (_, mounting) in log.items()}
     if max(abs(each.yaw) for each in at.values()) < 2.0 * math.pi / math.degrees(1.0):
         degrees = {name: replace(each, yaw=math.degrees(each.yaw)) for name, each in at.items()}
-        yield Fault("yaw of the mountings in radians", "", partial(_mounted, mountings=degrees))
+        yield _mounted("yaw of the mountings in radians", "", degrees)
     for first, second in itertools.combinations(log, 2):
         exchanged = {first: at[second], second: at[first]}
-        both = f"{first} and {second}"
-        yield Fault("sensors are swapped", both, partial(_mounted, mountings=exchanged))
+        yield _mounted("sensors are swapped", f"{first} and {second}", exchanged)
 
 
 def _scaled(symptom: str, sensor: str = "", **factors: float) -> Fault:
@@ -186,50 +183,55 @@ def _scaled(symptom: str, sensor: str = "", **factors: float) -> Fault:
 
     powers = {"range": 2.0}  # positions have a density per area
     volume = sum(powers.get(name, 1.0) * math.log(abs(by)) for name, by in factors.items())
-    return _each(symptom, sensor, scaled, volume)
+    return _changed(symptom, sensor, scaled, volume)
 
 
-def _each(
+def _changed(
     symptom: str, sensor: str, change: Callable[[RadarScan], RadarScan], volume: float = 0.0
 ) -> Fault:
-    """The fault that is undone by a change of each scan of a sensor, or of all."""
+    """The fault that is undone by a change of each scan of a sensor, or of all.
+
+    The ``volume`` is the logarithm of the factor between the units of a target's densities.
+    """
 
     def undone(name: str, pair: ScanPair) -> ScanPair:
         if sensor not in ("", name):
             return pair
         return ScanPair(change(pair.previous), change(pair.current), pair.mounting)
 
-    return Fault(symptom, sensor, lambda epoch: epoch.changed(undone), volume)
+    return Fault(symptom, sensor, lambda e: e.changed(undone).likelihood + volume * e.size)
 
 
 def _swapped(scan: RadarScan) -> RadarScan:
     return replace(scan, azimuth=wrapped(0.5 * np.pi - scan.azimuth))
 
 
-def _mounted(epoch: Epoch, mountings: Mapping[str, Mounting]) -> Epoch:
-    """The interval with other mountings of some sensors."""
-    return epoch.changed(
-        lambda name, pair: pair._replace(mounting=mountings.get(name, pair.mounting))
-    )
+def _mounted(symptom: str, sensor: str, mountings: Mapping[str, Mounting]) -> Fault:
+    """The fault that is undone by other mountings of some sensors."""
+
+    def undone(name: str, pair: ScanPair) -> ScanPair:
+        return pair._replace(mounting=mountings.get(name, pair.mounting))
+
+    return Fault(symptom, sensor, lambda e: e.changed(undone).likelihood)
 
 
-def _moved(epoch: Epoch, velocity: Array) -> Epoch:
-    """The interval with Doppler velocities of static targets at a velocity (3,) added."""
+def _moved(epoch: Epoch, velocity: Array) -> float:
+    """The log-likelihood with Doppler velocities of static targets at a velocity (3,) added."""
     return epoch.with_doppler(
         lambda pair: doppler_velocity(velocity, pair.current.azimuth, pair.mounting)
-    )
+    ).likelihood
 
 
-def _unfolded(epoch: Epoch, limit: float) -> Epoch:
-    """The most likely interval with Doppler velocities unfolded to those of static targets."""
+def _unfolded(epoch: Epoch, limit: float) -> float:
+    """The largest log-likelihood with Doppler velocities unfolded to those of static targets."""
     turn = 2.0 * limit
 
     def rest(pair: ScanPair, velocities: Array) -> Array:
         static = doppler_velocity(velocities, pair.current.azimuth, pair.mounting)
         return np.asarray(static - pair.current.doppler)
 
-    def unfolded(velocity: Array) -> Epoch:
-        return epoch.with_doppler(lambda pair: turn * np.round(rest(pair, velocity) / turn))
+    def unfolded(at: Array) -> float:
+        return epoch.with_doppler(lambda p: turn * np.round(rest(p, at) / turn)).likelihood
 
     def disagreement(pair: ScanPair) -> Array:
         scan, speed = pair.current, _AHEAD_OR_TURNING[:, :1]
@@ -239,4 +241,4 @@ def _unfolded(epoch: Epoch, limit: float) -> Epoch:
 
     agreed = np.argsort(sum(map(disagreement, epoch.values())))
     tried = [epoch.by_positions.theta, *_AHEAD_OR_TURNING[agreed[:_UNFOLDINGS]]]
-    return max(map(unfolded, tried), key=lambda each: each.likelihood)
+    return max(map(unfolded, tried))
