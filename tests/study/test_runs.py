@@ -27,17 +27,12 @@ def test_equals_registering_the_draws_one_by_one() -> None:
         np.testing.assert_array_equal(result.covariances[run], estimate.covariance)
 
 
+@pytest.mark.filterwarnings("default")  # distributed's own clean-up warns
 def test_processes_do_not_change_the_results() -> None:
-    """The chunk size is that of the package here: workers import it afresh."""
+    """Two workers, who import the package afresh, and unchanged on a real cluster of processes."""
     alone = monte_carlo(scenarios.OVERLAPPED, ROBUST, runs=2300)
     assert_identical(alone, monte_carlo(scenarios.OVERLAPPED, ROBUST, runs=2300, n_jobs=2))
-
-
-@pytest.mark.filterwarnings("default")  # distributed's own clean-up warns
-def test_dask_cluster_gives_identical_results() -> None:
-    """The same call, unchanged, on a real cluster of processes."""
     distributed = pytest.importorskip("distributed")
-    alone = monte_carlo(scenarios.OVERLAPPED, ROBUST, runs=2300)
     with (
         distributed.LocalCluster(
             n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None

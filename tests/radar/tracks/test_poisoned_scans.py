@@ -1,5 +1,6 @@
 """One bad scan costs its own estimate, and never a later one nor the track."""
 
+from contextlib import ExitStack
 from dataclasses import replace
 from functools import cache
 
@@ -66,43 +67,29 @@ def test_a_scan_with_absurd_numbers_is_refused_or_costs_what_rests_on_it(name, v
             assert np.abs(found.theta[good] - STRAIGHT)[:, 0].max() < 0.3
 
 
-def test_what_no_bound_foresees_fails_that_estimate_alone(monkeypatch):
-    """Breaks if an error within a round ends a tracker, or is carried into the next rounds."""
+@pytest.mark.parametrize(
+    ("error", "reason"),
+    [(np.linalg.LinAlgError, "a scan that cannot be used"), (ValueError, "an error")],
+)
+def test_what_no_bound_foresees_fails_that_estimate_alone(monkeypatch, error, reason):
+    """Breaks if an error within a round ends a tracker or is carried into the next rounds, or a
+    mistake of our own, say a wrong shape, passes for a scan that cannot be used."""
+
+    def raising(*_arguments):
+        raise error("no bound")
+
     sensors = named_sensors(12)
     without = track(sensors, budget=ErrorBudget())
     tracker = Tracker({n: at for n, (_, at) in sensors.items()})
-    estimates = []
     for i, (_, name, scan) in enumerate(in_order(sensors)):
-        with monkeypatch.context() as patch:
+        with monkeypatch.context() as patch, ExitStack() as stack:
             if i == 23:  # which completes the eighth round, of seven estimates
                 patch.setattr("d2d.radar.tracks.estimator.apply_budget", raising)
-            estimates += tracker.add(name, scan)
+                if error is ValueError:
+                    stack.enter_context(pytest.raises(ValueError, match=r"^no bound"))
+            tracker.add(name, scan)
     found = tracker.track
-    assert found.reasons[6] == "a scan that cannot be used"
+    assert found.reasons[6] == reason
     assert_array_equal(np.flatnonzero(~found.converged), [6])
     assert_array_equal(found.theta[:6], without.theta[:6])
     assert np.abs(found.theta[7:] - without.theta[7:]).max() < 0.05
-
-
-def raising(*_arguments):
-    raise np.linalg.LinAlgError("SVD did not converge")
-
-
-def test_a_mistake_within_a_round_is_not_taken_for_a_bad_scan(monkeypatch):
-    """Breaks if a wrong shape in our own code passes for a scan that cannot be used, or if the
-    tracker does not go on after it."""
-
-    def mistaken(*_arguments):
-        raise ValueError("shapes do not match")
-
-    scans, at = named_sensors(6)["left"]
-    tracker = Tracker({"left": at})
-    for i, scan in enumerate(scans):
-        with monkeypatch.context() as patch:
-            if i == 3:
-                patch.setattr("d2d.radar.tracks.estimator.apply_budget", mistaken)
-                with pytest.raises(ValueError, match=r"^shapes do not match"):
-                    tracker.add("left", scan)
-            else:
-                tracker.add("left", scan)
-    assert tracker.track.converged.tolist() == [True, True, False, True, True]
