@@ -439,15 +439,10 @@ class Problem:
         The batch axis counts the problems from ``begin`` to ``end``; the targets are those of all
         pairs, one pair after the other.  Of sets on a line, only the first coordinates count.
         """
-        count = end - begin
+        count, targets = end - begin, self.targets
         fixed = sum(pair.fixed.size for pair in self.pairs)
-        cross = CrossDerivatives(
-            np.empty((count, fixed, 3, 2)),
-            np.empty((count, self.targets, 3, 2)),
-            np.empty((count, self.targets, 3)),
-            np.empty((count, self.targets, 3)),
-            np.empty((count, self.targets)),
-        )
+        shapes = (fixed, 3, 2), (targets, 3, 2), (targets, 3), (targets, 3), (targets,)
+        cross = CrossDerivatives(*(np.empty((count, *shape)) for shape in shapes))
 
         def run(first: int, last: int, stop: Array) -> None:
             terms = np.empty(max(pair.fixed.size for pair in self.pairs) * propagate.ROWS)

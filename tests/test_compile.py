@@ -19,8 +19,8 @@ from d2d._kernel.errors import add_dependence
 rng, total = np.random.default_rng(0), np.zeros((3, 3))
 means, position = rng.uniform(0.0, 20.0, (200, 2)), rng.standard_normal((200, 3, 2))
 covariances, order = np.tile(np.eye(2), (200, 1, 1)), np.argsort(means[:, 0])
-scan = np.zeros(200, np.int64)
-add_dependence(position, covariances, means, scan, order, 2.0, np.empty((9, 200)), total)
+ends = np.full(200, 200)
+add_dependence(position, covariances, means, ends, order, 2.0, np.empty((9, 200)), total)
 print(sum(add_dependence.stats.cache_hits.values()), total.tobytes().hex())
 """
 

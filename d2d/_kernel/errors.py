@@ -47,10 +47,7 @@ def add_positions(position, covariances, noise):
 
 @vectorised
 def weigh_neighbours(x, y, length, weights):
-    """How strongly the errors of targets correlate with those of the first of them.
-
-    Those farther than REACH lengths away do not count.
-    """
+    """Correlations of targets' errors with those of the first one, zero beyond REACH lengths."""
     scale = 1.0 / length
     for b in range(1, weights.shape[0]):
         dx, dy = x[b] - x[0], y[b] - y[0]
@@ -60,14 +57,14 @@ def weigh_neighbours(x, y, length, weights):
 
 
 @entry
-def add_dependence(position, covariances, means, scan, order, length, rows, dependence):
+def add_dependence(position, covariances, means, ends, order, length, rows, dependence):
     """Add what correlated neighbours cause beyond independent ones.
 
     The errors of the positions of K targets, seen along the axes of their own covariances,
-    correlate by exp(-distance / length) within a ``scan`` (K,).  ``position`` (K, 3, 2) and
-    ``covariances`` (K, 2, 2) are those of `add_positions`, of one problem.  ``order`` sorts the
-    targets by scan and then their means (K, 2) along x, so that only those near enough along x are
-    looked at.  ``rows`` (9, K) is memory.
+    correlate by exp(-distance / length) within a scan, whose targets end before ``ends`` (K,).
+    ``position`` (K, 3, 2) and ``covariances`` (K, 2, 2) are those of `add_positions`.  ``order``
+    sorts each scan along x, of the means (K, 2), so that only those near enough along x are looked
+    at.  ``rows`` (9, K) is memory.
     """
     count, end = order.shape[0], 0
     for a in range(count):
@@ -78,11 +75,7 @@ def add_dependence(position, covariances, means, scan, order, length, rows, depe
             x, y = position[k, i, 0], position[k, i, 1]
             rows[3 + i, a], rows[6 + i, a] = x * xx + y * xy, x * xy + y * yy
     for a in range(count):
-        while (
-            end < count
-            and scan[order[end]] == scan[order[a]]
-            and rows[0, end] - rows[0, a] < REACH * length
-        ):
+        while end < ends[a] and rows[0, end] - rows[0, a] < REACH * length:
             end += 1
         weigh_neighbours(rows[0, a:end], rows[1, a:end], length, rows[2, a:end])
         x0 = x1 = x2 = y0 = y1 = y2 = 0.0  # what the neighbours of one target weigh

@@ -280,8 +280,8 @@ def cross_batch(batch, thetas, begin, memory, cross, derivatives):
             own_moving = by_moving[c, moving_done : moving_done + m]
             own_value = by_value[c, moving_done : moving_done + m]
             own_input = by_input[c, moving_done : moving_done + m]
-            own_share = shares[c, moving_done : moving_done + m]
-            own = own_fixed, own_moving, own_value, own_input, own_share
+            share = shares[c, moving_done : moving_done + m]
+            own = own_fixed, own_moving, own_value, own_input, share
             cross_pair(pair, setting, batch.fusion, memory, cross, own)
             interval = batch.intervals[number]
             for i in range(n):

@@ -240,9 +240,10 @@ def apply_budget(
     if budget.neighbours:
         sets = [each.fixed for each in problem.pairs] + [each.moving for each in problem.pairs]
         means = np.concatenate([points.means for points in sets])
-        scan = np.repeat(np.arange(2 * count), [points.size for points in sets])
-        order, memory = np.lexsort([means[:, 0], scan]), np.empty((9, len(means)))
-        of_targets = found.position, found.covariances, means, scan
+        sizes = [points.size for points in sets]
+        ends = np.cumsum(sizes).repeat(sizes)
+        order, memory = np.lexsort([means[:, 0], ends]), np.empty((9, len(means)))
+        of_targets = found.position, found.covariances, means, ends
         add_dependence(*of_targets, order, budget.neighbours, memory, noise)
     turned = np.add.reduceat(found.azimuth, found.starts)
     azimuth = turned[:count] + turned[count:]
