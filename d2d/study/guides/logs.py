@@ -9,7 +9,7 @@ import numpy as np
 
 from d2d import rigid
 from d2d._types import Array
-from d2d.radar import Mounting, RadarScan, Reference, doppler_velocity
+from d2d.radar import Mounting, RadarScan, Reference, doppler_velocity, over_ground_undone
 
 Sensors = dict[str, tuple[list[RadarScan], Mounting]]
 _STEP = 0.02  # s, of the integrated path
@@ -235,10 +235,7 @@ def _split(rng: np.random.Generator, log: Log) -> Sensors:
 def _over_ground(rng: np.random.Generator, log: Log) -> Sensors:
     def fixed(scans: list[RadarScan], at: Mounting) -> list[RadarScan]:
         motion = log.truth.at([scan.time for scan in scans]).theta
-        return [
-            replace(s, doppler=s.doppler - doppler_velocity(theta, s.azimuth, at))
-            for s, theta in zip(scans, motion, strict=True)
-        ]
+        return over_ground_undone(scans, -motion, at)
 
     return _changed(log, fixed)
 
