@@ -217,8 +217,7 @@ class RadarScan(Frozen):
     ) -> RadarScan:
         """The scan with only the targets between two ranges (m), azimuths or elevations (rad)."""
         kept = np.ones(len(self), dtype=np.bool_)
-        gates = {"range": range, "azimuth": azimuth, "elevation": elevation}
-        for name, gate in gates.items():
+        for name, gate in {"range": range, "azimuth": azimuth, "elevation": elevation}.items():
             if gate is not None:
                 low, high = check_finite(name, gate, "(2,)")
                 if not low < high:
@@ -231,7 +230,7 @@ class RadarScan(Frozen):
     def point_set(self, mounting: Mounting) -> PointSet:
         """The targets as Gaussians in the vehicle frame (thesis eq. 7.1, 7.3 and 7.4).
 
-        The variance of the extent is added.  Raises a ``ValueError`` if the scan is empty.
+        The extent is added.  Raises a ``ValueError`` if the scan is empty.
         """
         return _placed(*level(self, mounting))
 
@@ -262,13 +261,12 @@ class RadarScan(Frozen):
         )
 
 
-def quantisation_sigma(step: float, name: str = "step") -> float:
-    """Standard deviation of the error of a value that is rounded to multiples of ``step``.
+def quantisation_sigma(step: float) -> float:
+    """Standard deviation of the error of rounding to multiples of ``step``: uniform over a step.
 
-    The error is uniform over a step, with the variance step^2 / 12, which adds to that of the
-    measurement.  A ``ValueError`` calls the argument ``name``.
+    Its variance, step^2 / 12, adds to that of the measurement.
     """
-    return float(_STEP.number(name, step) / np.sqrt(12.0))
+    return float(_STEP.number("step", step) / np.sqrt(12.0))
 
 
 @lru_cache(maxsize=64)
