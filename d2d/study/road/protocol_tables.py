@@ -191,7 +191,7 @@ def chart(results: Mapping[str, pd.DataFrame], path: Path) -> None:
     bar.set_ticks([*np.log([1, 2, 5, 10])], labels=["1", "2", "5", "10 and more"])
     bar.set_label("factor between the ANEES and 1")
     headline(
-        figure, "Without shared errors the ANEES is 9 to 27; a side radar alone stays too sure"
+        figure, "Without shared errors the ANEES is 9 to 24; a side radar alone stays too sure"
     )
     letter_panels(axes)
     figure.savefig(path, dpi=220, metadata={"Software": None})
