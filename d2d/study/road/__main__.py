@@ -3,7 +3,7 @@
     python -m d2d.study.road PART FOLDER ...
 
 A folder is that of a data set in its official layout, RadarScenes or nuScenes; ``simulated`` needs
-none.  All parts but ``drives`` renew files in ``chapters/results``, which hold no measurements.
+none, and ``recordings`` only for its gyro.  The files in ``chapters/results`` hold no measurements.
 """
 
 import argparse
@@ -16,9 +16,9 @@ import joblib
 from d2d.study.road import (
     displacements,
     estimates,
-    every_drive,
     extrapolation,
     protocol_tables,
+    recordings,
     scan_profile,
     scores,
     simulated,
@@ -32,10 +32,10 @@ PARTS: dict[str, Any] = {
     "displacements": displacements.write,
     "extrapolation": extrapolation.write,
     "protocol": protocol_tables.write,
-    "drives": every_drive.write,
+    "recordings": recordings.write,
     "simulated": simulated.write,
 }
-OF_ONE_SEQUENCE = ("estimates", "profile")
+OF_ONE_SEQUENCE, NO_DATA = ("estimates", "profile"), ("simulated", "recordings")
 
 
 def main() -> None:
@@ -46,7 +46,7 @@ def main() -> None:
     parser.add_argument("--sequence", default="105", help="of the parts `estimates` and `profile`")
     parser.add_argument("--jobs", type=int, default=1, help="processes")
     arguments = parser.parse_args()
-    if not arguments.folders and arguments.part != "simulated":
+    if not arguments.folders and arguments.part not in NO_DATA:
         parser.error("this part needs a FOLDER")
     warnings.simplefilter("ignore")
     sources = find_drives(arguments.folders)

@@ -1,0 +1,60 @@
+"""Logs as radars' software writes them, each tracked by one command, and a gyro beside a radar."""
+
+from collections.abc import Mapping, Sequence
+from itertools import product
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from d2d.radar import Gyro, Track, compare, simulate_drive, track
+from d2d.radar.cli import REAL_OPTIONS, main
+from d2d.study.plane.evaluation import rms
+from d2d.study.road.displacements import drift
+from d2d.study.road.drive import Source
+from d2d.study.road.markdown import markdown, write_page
+
+NOISE, BIAS = np.deg2rad([0.1, 0.5])  # of the gyro
+LOGS = {  # the options that each needs; the first is real
+    "Delphi ESR": REAL_OPTIONS,
+    "simulated": "--columns x=y_m,y=-x_m,doppler=steps --scan-gap 0.01 --sigma-doppler 0.15 "
+    "--mounting radar 0.4 0 0",
+}
+HEAD = ("log", "accepted", "RMSE of $v_x$, $v_y$ (m/s), ω (°/s)", "ANEES")
+GYRO = ("front radar", "ω alone", "slip", "gyro", "both", "drift alone", "slip", "gyro", "both")
+
+
+def write(sources: Mapping[str, Sequence[Source]]) -> None:
+    """Write the tables of the logs, and of a gyro beside the front radars of RadarScenes."""
+    drive, lines, rows = simulate_drive(np.random.default_rng(0), 60.0), [], []
+    for scan in drive.scans:
+        x, y = scan.range * np.cos(scan.azimuth), scan.range * np.sin(scan.azimuth)
+        stamps, steps = 1e9 * scan.time + 1e5 * np.arange(len(scan)), np.round(scan.doppler / 0.48)
+        rows.append(np.stack([stamps, -y, x, 0.48 * steps]))
+    with TemporaryDirectory() as folder:
+        main(["example", "--real", log := f"{folder}/log.csv"])
+        for name, options in LOGS.items():
+            main(["track", "--csv", log, *options.split(), "--no-picture", "--output", folder])
+            driven = Track.load(f"{folder}/track.npz")
+            lines.append([name, f"{100 * driven.converged.mean():.1f} %", "no reference", ""])
+            if options != REAL_OPTIONS:
+                found = compare(driven, drive.truth)
+                lines[-1][2] = ", ".join(f"{error:.3f}" for error in found.rmse)
+                lines[-1][3] = f"{found.credibility.anees:.1f}"
+            np.savetxt(log, np.hstack(rows).T, "%.12g", ",", header="t_ns,x_m,y_m,steps")
+    write_page("recordings.md", f"{__package__} recordings", [markdown(HEAD, lines)])
+    lines = []
+    for source in sources.get("RadarScenes", []):
+        whole, rng = source.load(), np.random.default_rng(0)
+        times, first = np.unique(whole.reference.times, return_index=True)
+        rates = whole.reference.theta[first, 2] + BIAS + NOISE * rng.standard_normal(len(times))
+        known = np.isfinite(rates)
+        gyro = Gyro(NOISE, np.deg2rad(1.0), times[known], rates[known])
+        for side, one in zip(("right", "left"), whole.recordings[1:3], strict=True):
+            ways = product((None, gyro), (True, 0.05))
+            tracks = [track(one, budget=one.budget, gyro=g, side_slip=slip) for g, slip in ways]
+            turns = [compare(driven, one.reference).rmse[2] for driven in tracks]
+            drifts = [rms(drift(driven, one.reference)[:, 1]) for driven in tracks]
+            cells = (f"{error:.2f}" for error in [*turns, *np.rad2deg(drifts)])
+            lines.append([f"{whole.title}, {side}", *cells])
+    if lines:
+        write_page("recordings_gyro.md", f"{__package__} recordings", [markdown(GYRO, lines)])
