@@ -10,14 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from d2d._checks import NOT_NEGATIVE, SECONDS, check_path, check_positive_scalar
+from d2d._checks import SECONDS, check_path, check_positive_scalar
 from d2d._types import Array
 from d2d.radar.readers import shared
 from d2d.radar.readers.reader import data_set
 from d2d.radar.readers.shared import MICROSECOND, brief, existing, reading, yaw_of
 from d2d.radar.scans.budget import ErrorBudget
 from d2d.radar.scans.reference import Recording, Reference
-from d2d.radar.scans.scan import BOUNDS, Mounting, RadarScan, quantisation_sigma
+from d2d.radar.scans.scan import BOUNDS, Mounting, RadarScan
 
 GRID = 0.2  # m, to which x and y are rounded
 STEP = 0.25  # m/s, to which vx and vy are rounded
@@ -146,11 +146,7 @@ def _scan(
     x, y, vx, vy = (columns[name][keep] for name in ("x", "y", "vx", "vy"))
     doppler = (x * (vx - excess * x) + y * (vy - excess * y)) / np.hypot(x, y)
     sigmas = shared.errors_at(np.arctan2(y, x), errors)
-    aside = quantisation_sigma(GRID)
-    rounded: dict[str, Any] = {"sigma_range": aside, "sigma_azimuth": aside / np.hypot(x, y)}
-    for name, sigma in (rounded | {"sigma_doppler": quantisation_sigma(STEP)}).items():
-        sigmas[name] = np.hypot(NOT_NEGATIVE.array(name, sigmas[name]), sigma)
-    return RadarScan.from_cartesian(time, x, y, doppler=doppler, **sigmas)
+    return RadarScan.from_cartesian(time, x, y, doppler=doppler, grid=GRID, step=STEP, **sigmas)
 
 
 def _point_cloud(path: Path) -> dict[str, Array]:

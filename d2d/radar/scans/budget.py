@@ -12,8 +12,9 @@ _SIGMA = NOT_NEGATIVE._replace(most=1e3)
 class ErrorBudget(Bounded):
     """Standard deviations of the errors that many targets share, or that no target explains.
 
-    They add to the covariance of a track, and do not change its estimates.  Raises a ``ValueError``
-    if a number is negative or above 1000, or the azimuth's above 2 pi.
+    They add to the covariance of a track, and a part of them lessens the weight of its Doppler
+    velocities.  Raises a ``ValueError`` if a number is negative or above 1000, or the azimuth's
+    above 2 pi.
 
     Attributes
     ----------

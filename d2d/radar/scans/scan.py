@@ -20,6 +20,7 @@ from d2d._checks import (
     Bounded,
     Bounds,
     broadcast_batches,
+    check_covariances,
     check_finite,
     check_positive_scalar,
     check_scalar,
@@ -150,7 +151,10 @@ class RadarScan(Frozen):
         across = np.hypot(self.range * self.sigma_azimuth, self.extent)
         ratio = across / np.hypot(self.sigma_range, self.extent)
         if not np.all((ratio < _LONGEST) & (ratio > 1.0 / _LONGEST)):
-            raise ValueError(f"sigma_range is {_LONGEST:g} times range * sigma_azimuth, or reverse")
+            raise ValueError(
+                "sigma_range and range * sigma_azimuth must not differ by more than a factor of "
+                f"{_LONGEST:g}"
+            )
 
     @classmethod
     def from_cartesian(
@@ -160,31 +164,72 @@ class RadarScan(Frozen):
         y: ArrayLike,
         z: ArrayLike | None = None,
         *,
-        doppler: ArrayLike,
-        sigma_range: ArrayLike,
-        sigma_azimuth: ArrayLike,
-        sigma_doppler: ArrayLike,
+        doppler: ArrayLike | None = None,
+        velocity: ArrayLike | None = None,
+        covariance: ArrayLike | None = None,
+        grid: float | None = None,
+        sigma_range: ArrayLike = 0.0,
+        sigma_azimuth: ArrayLike = 0.0,
+        sigma_doppler: ArrayLike = 0.0,
+        step: float | None = None,
         extent: ArrayLike = 0.0,
-        sigma_elevation: ArrayLike | None = None,
+        sigma_elevation: ArrayLike = 0.0,
     ) -> RadarScan:
         """The scan of a radar that reports positions, such as a list of objects or clusters.
 
-        The positions x along the boresight, y to the left and, with elevations, z upwards are
-        arrays (K,) in m in the sensor frame, all else is as for `RadarScan`.  Of targets that have
-        velocities relative to the sensor, ``doppler`` is (x v_x + y v_y) / hypot(x, y).
+        The positions x along the boresight, y to the left and, if the radar measures elevations, z
+        upwards are arrays (K,) in m in the sensor frame.  Targets have either radial velocities
+        ``doppler`` (K,), positive if they recede, or a ``velocity`` (K, 2), with z (K, 3), in m/s,
+        relative to the sensor and not compensated for its own motion, of which a Doppler radar
+        measures the part along the line of sight.
 
-        Raises a ``ValueError`` if a target is at, above or below the sensor.
+        The variances of all errors that are given are added: of the standard deviations, as for
+        `RadarScan`; of the ``covariance`` (K, D, D) or (D, D) of the position in m^2, without the
+        correlations between the line of sight and the directions across it; and of rounding, to
+        multiples of ``grid`` (m) in positions and of ``step`` (m/s) in the Doppler velocity or each
+        component of the velocity; see `quantisation_sigma`.
+
+        Raises a ``ValueError`` if a target is at, above or below the sensor, or there is no error
+        of the range, the azimuth or the Doppler velocity.
         """
         ahead = check_finite("x", x, "(K,)")
         left = check_finite("y", y, str(ahead.shape), like="x")
-        up = 0.0 * ahead if z is None else check_finite("z", z, str(ahead.shape), like="x")
+        up = check_finite("z", z, str(ahead.shape), like="x") if z is not None else 0.0 * ahead
         across = np.hypot(ahead, left)
         if not (across > 0).all():
             raise ValueError("x and y must not both be zero, but a target is at the sensor")
-        measured = np.hypot(across, up), np.arctan2(left, ahead), doppler
-        elevation = None if z is None else np.arctan2(up, across)
-        errors = sigma_range, sigma_azimuth, sigma_doppler, extent
-        return cls(time, *measured, *errors, elevation=elevation, sigma_elevation=sigma_elevation)
+        size, distance = len(across), np.hypot(across, up)
+        axes = 2 if z is None else 3
+        sight = np.column_stack([ahead, left, up]) / distance[:, None]
+        sideways = np.column_stack([-left, ahead, 0.0 * up]) / across[:, None]
+        frame = np.stack([sight, sideways, np.cross(sight, sideways)])[..., :axes]
+        if velocity is not None and doppler is None:
+            vectors = check_finite("velocity", velocity, f"({size}, {axes})", like="x")
+            doppler = np.einsum("ki,ki->k", vectors, frame[0])
+        elif velocity is not None or doppler is None:
+            raise ValueError("either doppler or velocity must be given, and not both")
+        spread = np.zeros((size, axes, axes))
+        if covariance is not None:
+            given = check_covariances("covariance", covariance)
+            check_shape("covariance", given, f"({size}, {axes}, {axes})", f"({axes}, {axes})")
+            spread += given
+        if grid is not None:
+            spread += quantisation_sigma(grid, "grid") ** 2 * np.eye(axes)
+        along, beside, above = np.einsum("dki,kij,dkj->dk", frame, spread, frame)
+        rounding = 0.0 if step is None else quantisation_sigma(step, "step")
+        raised = np.sqrt(_variance("sigma_elevation", sigma_elevation, size) + above / distance**2)
+        return cls(
+            time,
+            distance,
+            np.arctan2(left, ahead),
+            doppler,
+            np.sqrt(_variance("sigma_range", sigma_range, size) + along),
+            np.sqrt(_variance("sigma_azimuth", sigma_azimuth, size) + beside / across**2),
+            np.sqrt(_variance("sigma_doppler", sigma_doppler, size) + rounding**2),
+            extent,
+            elevation=None if z is None else np.arctan2(up, across),
+            sigma_elevation=None if z is None or not raised.any() else raised,
+        )
 
     @property
     def size(self) -> int:
@@ -261,12 +306,22 @@ class RadarScan(Frozen):
         )
 
 
-def quantisation_sigma(step: float) -> float:
-    """Standard deviation of the error of rounding to multiples of ``step``: uniform over a step.
+def quantisation_sigma(step: float, name: str = "step") -> float:
+    """Standard deviation of the error of a value that is rounded to multiples of ``step``.
 
-    Its variance, step^2 / 12, adds to that of the measurement.
+    The error is uniform over one step, so that the variance is step^2 / 12, which adds to that of
+    the measurement.  Where the noise is much smaller than the step, errors are not independent from
+    one value to the next.  A ``ValueError`` calls the argument ``name``.
     """
-    return float(_STEP.number("step", step) / np.sqrt(12.0))
+    return float(_STEP.number(name, step) / np.sqrt(12.0))
+
+
+def _variance(name: str, sigma: ArrayLike, size: int) -> Array:
+    """Squares of standard deviations, which may be zero where other errors add to them."""
+    array = NOT_NEGATIVE.array(name, sigma)
+    if array.shape not in ((), (1,)):
+        check_shape(name, array, f"({size},)", like="x")
+    return array**2
 
 
 @lru_cache(maxsize=64)

@@ -73,15 +73,23 @@ def test_sigmas_are_those_of_draws():
 
 
 def test_positions_with_heights_are_the_same_targets():
-    """Breaks if z is dropped, or a height is not an elevation."""
-    place = np.random.default_rng(2).uniform([5.0, -9.0, -4.0], [20.0, 9.0, 4.0], (6, 3))
-    errors = dict(zip(("sigma_range", "sigma_azimuth", "sigma_doppler"), SIGMAS, strict=False))
-    scan = RadarScan.from_cartesian(0.0, *place.T, doppler=np.zeros(6), **errors)
+    """Breaks if z is dropped, or a covariance is projected onto other directions."""
+    rng = np.random.default_rng(2)
+    place = rng.uniform([5.0, -9.0, -4.0], [20.0, 9.0, 4.0], (6, 3))
+    velocity = rng.normal(0.0, 5.0, (6, 3))
+    covariance = np.diag([0.01, 0.04, 0.09])
+    scan = RadarScan.from_cartesian(
+        0.0, *place.T, velocity=velocity, covariance=covariance, sigma_doppler=0.1
+    )
     assert_allclose(scan.range, np.linalg.norm(place, axis=1))
-    assert_allclose(np.sin(scan.elevation) * scan.range, place[:, 2])
-    assert_array_equal(scan.sigma_elevation, scan.sigma_azimuth)
+    assert_allclose(scan.doppler, (velocity * place).sum(axis=1) / scan.range)
     flat, _ = level(scan, Mounting())
     assert_allclose(flat.point_set(Mounting()).means, place[:, :2])
+    draws = place[0] + rng.standard_normal((100_000, 3)) * [0.1, 0.2, 0.3]
+    ways = (np.linalg.norm(draws, axis=1), np.arctan2(draws[:, 1], draws[:, 0]))
+    rising = np.arctan2(draws[:, 2], np.hypot(*draws.T[:2]))
+    for name, values in zip(("range", "azimuth", "elevation"), (*ways, rising), strict=True):
+        assert values.std() == pytest.approx(getattr(scan, f"sigma_{name}")[0], rel=0.02)
 
 
 def test_the_vertical_shows_nothing():

@@ -1,4 +1,4 @@
-"""RadarScan, Mounting and the Doppler model, and scans from positions.
+"""RadarScan, Mounting and the Doppler model, and scans from positions and velocity vectors.
 
 Positions are checked against complex numbers, Doppler velocities against the range of a static
 point seen from a sensor that really moves, covariances against draws.
@@ -141,7 +141,7 @@ def test_a_scan_may_be_empty():
     assert random_scan()[:0].size == 0
     with pytest.raises(ValueError, match="range must not be empty"):
         empty.point_set(Mounting())
-    none = RadarScan.from_cartesian(1.0, [], [], doppler=[], **ERRORS)
+    none = RadarScan.from_cartesian(1.0, [], [], velocity=np.zeros((0, 2)), grid=0.2, step=0.25)
     assert len(none) == none.size == 0
 
 
@@ -160,6 +160,7 @@ def test_indexing_selects_targets_with_all_that_is_known_of_them():
 # ---- Scans from positions
 
 X, Y = np.array([10.0, -4.0, 0.0]), np.array([3.0, 20.0, -7.0])
+RANGE, AZIMUTH = np.hypot(X, Y), np.arctan2(Y, X)
 ERRORS = {"sigma_range": 0.1, "sigma_azimuth": 0.01, "sigma_doppler": 0.05}
 DOPPLER = np.array([-5.0, 1.0, 0.0])
 
@@ -175,8 +176,46 @@ def test_a_scan_goes_to_positions_and_back():
         assert_allclose(getattr(back, name), getattr(scan, name), rtol=1e-12, err_msg=name)
 
 
-def test_rounding_has_the_error_that_is_stated():
-    """Breaks if it is not that of uniform errors."""
+def test_a_velocity_is_projected_onto_the_line_of_sight():
+    """Breaks if the speed or v_x is taken instead."""
+    sight = np.stack([np.cos(AZIMUTH), np.sin(AZIMUTH)], axis=-1)
+    across = np.stack([-sight[:, 1], sight[:, 0]], axis=-1)
+    whole = DOPPLER[:, None] * sight
+    along_x = np.array([[DOPPLER[0] / sight[0, 0], 0.0], [DOPPLER[1] / sight[1, 0], 0.0], whole[2]])
+    for velocity in (whole, along_x, whole + np.array([[3.0], [-7.0], [9.0]]) * across):
+        scan = RadarScan.from_cartesian(0.0, X, Y, velocity=velocity, **ERRORS)
+        assert_allclose(scan.doppler, DOPPLER, atol=1e-12)
+
+
+def test_a_covariance_is_projected_along_and_across():
+    """Breaks if the axes are mixed up: against the scatter of 50 000 draws."""
+    rng = np.random.default_rng(0)
+    root = rng.normal(0.0, 0.05, (3, 2, 2))
+    covariance = root @ root.swapaxes(-1, -2) + 1e-4 * np.eye(2)
+    scan = RadarScan.from_cartesian(
+        0.0, X, Y, doppler=DOPPLER, covariance=covariance, sigma_doppler=0.1
+    )
+    for k in range(3):
+        draws = rng.multivariate_normal([X[k], Y[k]], covariance[k], 50_000)
+        angle = np.arctan2(draws[:, 1], draws[:, 0])
+        turned = (angle - AZIMUTH[k] + np.pi) % (2 * np.pi) - np.pi
+        assert np.hypot(*draws.T).std() == pytest.approx(scan.sigma_range[k], rel=0.02)
+        assert turned.std() == pytest.approx(scan.sigma_azimuth[k], rel=0.02)
+    same = RadarScan.from_cartesian(
+        0.0, X, Y, doppler=DOPPLER, covariance=covariance[1], sigma_doppler=0.1
+    )
+    assert same.sigma_range[1] == scan.sigma_range[1]
+
+
+def test_errors_add_up():
+    """Breaks if one source replaces another, or standard deviations are added instead."""
+    covariance = 0.04 * np.eye(2)
+    scan = RadarScan.from_cartesian(
+        0.0, X, Y, doppler=DOPPLER, covariance=covariance, grid=0.6, step=0.5, **ERRORS
+    )
+    assert_allclose(scan.sigma_range**2, 0.1**2 + 0.04 + 0.03)
+    assert_allclose(scan.sigma_azimuth**2, 0.01**2 + 0.07 / RANGE**2)
+    assert_allclose(scan.sigma_doppler**2, 0.05**2 + 0.25 / 12)
     values = np.random.default_rng(1).uniform(-50.0, 50.0, 100_000)
     rounded = 0.2 * np.round(values / 0.2)
     assert (rounded - values).std() == pytest.approx(quantisation_sigma(0.2), rel=0.01)
@@ -216,6 +255,11 @@ OF_DOPPLER = [
 OF_POSITIONS = [
     *(("y", X[:2], "have the shape"), ("y", [np.nan, 1.0, 2.0], "be finite")),
     *(("x", 1.0, "have the shape"), ("doppler", DOPPLER[:2], "have the shape")),
+    *(("covariance", np.ones((3, 2)), "have the shape"), ("covariance", -np.eye(2), "be positive")),
+    *(("grid", 0.0, "be positive"), ("grid", 1e300, "be"), ("step", [0.1], "be a number")),
+    *(("step", 1e300, "be"), ("sigma_range", -0.1, "be at least 0")),
+    *((f"sigma_{name}", 0.0, "be positive") for name in ("range", "doppler")),
+    ("sigma_azimuth", np.ones(4), "have the shape"),
 ]
 POSITIONS = {"time": 0.0, "x": X, "y": Y, "doppler": DOPPLER, **ERRORS}
 MOTION = {"theta": THREE, "azimuth": [0.0], "mounting": Mounting()}
@@ -242,8 +286,14 @@ def test_bad_input_is_refused_by_name(make, good, cases):
 
 def test_arguments_that_do_not_go_together_are_refused():
     """Breaks if one of them is dropped, or the message is einsum's own."""
-    with pytest.raises(ValueError, match="x and y must not both be zero"):
-        RadarScan.from_cartesian(**(POSITIONS | {"x": [0.0, 1.0, 2.0], "y": [0.0, 1.0, 2.0]}))
+    for change, says in (
+        ({"x": [0.0, 1.0, 2.0], "y": [0.0, 1.0, 2.0]}, "x and y must not both be zero"),
+        ({"doppler": None}, "either doppler or velocity"),
+        ({"velocity": np.zeros((3, 2))}, "either doppler or velocity"),
+        ({"doppler": None, "velocity": np.zeros(3)}, "velocity must have the shape"),
+    ):
+        with pytest.raises(ValueError, match=says):
+            RadarScan.from_cartesian(**(POSITIONS | change))
     with pytest.raises(ValueError, match=r"^azimuth must have the shape"):
         RadarScan(**(good_arguments() | {"range": np.ones(4)}))
     with pytest.raises(ValueError, match="theta and azimuth do not broadcast"):
