@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from d2d._types import Array
-from d2d.radar import Comparison, Recording, Track, compare_halves
+from d2d.radar import Comparison, Recording, Reference, Track, compare_halves
 from d2d.radar.evaluation.compare import NAMES
 from d2d.study.book.grammar import BLACK, GREY, OCHRE, TRUTH
 from d2d.study.book.style import write_out_ticks
@@ -58,18 +58,10 @@ def beside_changed_reference(
     It is known from the track and its errors (n, 3), and interpolated linearly.
     """
     known = np.asarray(np.isfinite(errors).all(axis=-1))
-    reference = (track.theta - errors)[known]
-    times = track.times[known]
-    changed = np.column_stack(
-        [
-            np.interp(track.times - lag, times, column, left=np.nan, right=np.nan)
-            for column in reference.T
-        ]
-    )
-    changed[:, 0] *= 1.0 + speed
-    return Comparison.from_errors(
-        track, np.where(known[:, np.newaxis], track.theta - changed, np.nan)
-    )
+    theta = (track.theta - errors)[known]
+    reference = Reference(track.times[known], theta, 0.0 * theta)
+    changed = reference.at(track.times - lag, max_gap=1e9).theta * [1.0 + speed, 1.0, 1.0]
+    return Comparison.from_errors(track, np.where(known[:, None], track.theta - changed, np.nan))
 
 
 def parts_table(judged: Mapping[str, Mapping[str, Any]], caption: str = "") -> Table:
