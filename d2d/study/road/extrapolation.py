@@ -22,7 +22,7 @@ from d2d import block_bootstrap
 from d2d._types import Array
 from d2d.radar.scans.scan import doppler_gradients
 from d2d.study.book.grammar import OTHERS, TRUTH
-from d2d.study.book.style import letter_panels, use_style
+from d2d.study.book.style import headline, letter_panels, use_style
 from d2d.study.results import results_path
 from d2d.study.road.drive import Drive, Source
 from d2d.study.road.markdown import markdown, write_page
@@ -173,14 +173,14 @@ def draw(scenes: Mapping[str, tuple[pd.DataFrame, Fit]], path: Path) -> None:
         ranges, excess = medians(fast["distance"], fast["excess"] / fast["turning"] ** 2, RANGES)
         axes[1].plot(ranges, excess, **look)
     rates, ranges = np.linspace(-0.5, 0.5), np.array([0.0, 90.0])
-    label = f"ω² r times {CYCLE:g} ms"
-    axes[0].plot(np.rad2deg(rates), CYCLE * rates**2, label=label, **TRUTH)
+    axes[0].plot(np.rad2deg(rates), CYCLE * rates**2, **TRUTH, label=f"ω² r times {CYCLE:g} ms")
     axes[1].plot(ranges, CYCLE / MILLI * ranges, **TRUTH)
     axes[0].set(title="excess / range (10⁻³/s)", xlabel="yaw rate (°/s)")
     axes[1].set(title="excess / ω² (m s)", xlabel="range (m)")
     letter_panels(axes)
-    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=4)
-    figure.savefig(path, dpi=220, bbox_inches="tight", metadata={"Software": None})
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
+    headline(figure, "The excess grows with the square of the yaw rate")
+    figure.savefig(path, dpi=220, metadata={"Software": None})
     plt.close(figure)
 
 
