@@ -85,15 +85,10 @@ class Comparison(Frozen):
         )
 
     @cached_property
-    def _known(self) -> NDArray[np.int_]:
-        """The k directions that the reference has."""
-        return np.flatnonzero(np.isfinite(self.errors).all(axis=0))
-
-    @cached_property
-    def _judged(self) -> tuple[Array, Array]:
-        """Errors (n, k) in these directions, and their covariances (n, k, k)."""
-        known = self._known
-        return self.errors.take(known, axis=1), self.covariances[:, known[:, None], known]
+    def _judged(self) -> tuple[NDArray[np.int_], Array, Array]:
+        """The k directions that the reference has, errors (n, k) and covariances (n, k, k)."""
+        known = np.flatnonzero(np.isfinite(self.errors).all(axis=0))
+        return known, self.errors.take(known, axis=1), self.covariances[:, known[:, None], known]
 
     @property
     def rmse(self) -> Array:
@@ -109,12 +104,13 @@ class Comparison(Frozen):
     @property
     def credibility(self) -> Credibility:
         """NEES, ANEES, NCI and I^2; the region of the ANEES assumes independent errors."""
-        return credibility(*self._judged)
+        return credibility(*self._judged[1:])
 
     @cached_property
     def whitened(self) -> Whitened:
         """The whitened errors of the k directions that the reference has, see `Measures`."""
-        return whiten(*self._judged, range(len(self._known))[::-1])
+        known, errors, covariances = self._judged
+        return whiten(errors, covariances, range(len(known))[::-1])
 
     @cached_property
     def measures(self) -> Measures:
@@ -125,7 +121,7 @@ class Comparison(Frozen):
     def block(self) -> int:
         """Length of the bootstrap's blocks: the longest that the errors or the NEES need."""
         squares = (self.whitened.values**2).sum(axis=-1)
-        return block_length(np.column_stack([self._judged[0], squares]))
+        return block_length(np.column_stack([self._judged[1], squares]))
 
     def intervals(self, confidence: float = 0.95) -> Measures:
         """Lower and upper bounds of all measures, by the block bootstrap `d2d.block_bootstrap`.
@@ -142,20 +138,20 @@ class Comparison(Frozen):
 
     def _measures(self, mean: Callable[[Array], Any]) -> Measures:
         """The measures, from means over the first axis of terms, or from bounds of such means."""
-        white, (errors, covariances) = self.whitened, self._judged
-        squares, logs, units = white.values**2, white.log_score, IN_UNITS[self._known]
+        white, (known, errors, covariances) = self.whitened, self._judged
+        squares, logs = white.values**2, white.log_score
 
         def placed(terms: Array) -> Array:
             """Means of terms (n, ..., k) in the known directions, nan in the others."""
             found = mean(terms)
             whole = np.full((*found.shape[:-1], 3), np.nan)
-            whole[..., self._known] = found
+            whole[..., known] = found
             return whole
 
         return Measures(
             mean_error=placed(errors) * IN_UNITS,
             rmse=np.sqrt(placed(errors**2)) * IN_UNITS,
-            crps=placed(crps(errors * units, self.sigmas[:, self._known])),
+            crps=placed(crps(errors * IN_UNITS[known], self.sigmas[:, known])),
             whitened_squares=placed(squares),
             anees=mean(squares.mean(axis=-1)),
             log_scores=placed(logs),
