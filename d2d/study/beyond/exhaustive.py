@@ -86,20 +86,18 @@ class Trial:
             np.deg2rad(self.turn_deg),
         ]
         starts = scene.theta + offset + GRIDS[self.starts]
+        cost = RegistrationCost(fusion="summing" if self.cost == "sum" else "likelihood")
+        if self.cost == "robust":
+            spread = self.sigma_outlier_m**2 * np.eye(2)
+            cost = RegistrationCost(outlier=CorruptedGaussian(self.alpha, spread))
         return {
             "scenario": scene,
-            "cost": self._registration_cost(),
+            "cost": cost,
             "runs": RUNS[self.starts],
             "seed": seed,
             "initial": starts[0] if self.starts == 1 else starts,
             "scales": tuple(map(float, self.scales.split())),
         }
-
-    def _registration_cost(self) -> RegistrationCost:
-        if self.cost == "robust":
-            spread = self.sigma_outlier_m**2 * np.eye(2)
-            return RegistrationCost(outlier=CorruptedGaussian(self.alpha, spread))
-        return RegistrationCost(fusion="summing" if self.cost == "sum" else "likelihood")
 
 
 def outcome(result: MonteCarlo) -> dict[str, float]:
@@ -201,14 +199,10 @@ def _schedules() -> Iterator[Trial]:
 def _first_scales() -> Iterator[Trial]:
     noises, distances = (0.1, 0.25, 0.5, 1.0, 2.0), (2.0, 5.0, 10.0)
     for noise, first, distance in product(noises, FIRST_SCALES, distances):
-        start, scales = _off(distance, -3.0 * distance), stepped_down(first)
+        # down to 1 in equal ratios, four steps to a decade
+        steps = np.geomspace(first, 1.0, round(4 * np.log10(first)) + 1)
+        start, scales = _off(distance, -3.0 * distance), " ".join(f"{scale:.3g}" for scale in steps)
         yield Trial("first scale", "robust", noise=noise, scales=scales, **start)
-
-
-def stepped_down(first: float) -> str:
-    """A schedule from the first scale down to 1 in equal ratios, four steps to a decade."""
-    steps = round(4 * np.log10(first)) + 1
-    return " ".join(f"{scale:.3g}" for scale in np.geomspace(first, 1.0, steps))
 
 
 def simulate(trial: Trial) -> MonteCarlo:

@@ -8,7 +8,7 @@ none.
 import math
 import textwrap
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from itertools import groupby
 from typing import NamedTuple
@@ -117,29 +117,18 @@ def page_claims(page: str, claims: Iterable[Claim], record: Mapping[str, Evidenc
 
 def count_verdicts(record: Mapping[str, Evidence]) -> str:
     """Say how many claims there are, and how many of each verdict, in one line."""
-    counts = zip(_counts(record.values()), SIGNS, strict=True)
-    listed = ", ".join(f"{number} {verdict}" for number, verdict in counts)
+    counts = Counter(item.verdict for item in record.values())
+    listed = ", ".join(f"{counts[verdict]} {verdict}" for verdict in SIGNS)
     return f"{len(record)} claims: {listed}"
-
-
-def _counts(evidence: Iterable[Evidence]) -> list[int]:
-    counts = Counter(item.verdict for item in evidence)
-    return [counts[verdict] for verdict in SIGNS]
 
 
 def figures_table(figures: Iterable[ThesisFigure]) -> str:
     """List the thesis's figures: the number of each, what it shows, and where ours is."""
-    rows = []
+    lines = ["| thesis | what it shows | ours |", "| --- | --- | --- |"]
     for figure in figures:
         kind = "" if figure.number.startswith("Table") else "Figure "
         ours = f"[chapter {_chapter(figure.page)}, {figure.id}](#fig-{figure.id})"
-        rows.append([f"{kind}{figure.number}", figure.shows, ours])
-    return _markdown_table(["thesis", "what it shows", "ours"], rows)
-
-
-def _markdown_table(header: Sequence[str], rows: Iterable[Sequence[str | int]]) -> str:
-    lines = [f"| {' | '.join(map(str, row))} |" for row in (header, *rows)]
-    lines.insert(1, "|" + " --- |" * len(header))
+        lines.append(f"| {kind}{figure.number} | {figure.shows} | {ours} |")
     return "\n".join(lines)
 
 

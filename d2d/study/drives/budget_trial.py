@@ -158,15 +158,10 @@ def drawn_errors(
     """
     budget, rounding = ingredient.budget, ingredient.rounding or 1.0
     sigmas = budget.azimuth, budget.doppler, budget.scale, budget.lag
-    drawn = np.stack([sigma * _stratified(rng, drives) for sigma in sigmas], axis=-1)
+    parts = [rng.permuted(np.arange(drives)) + rng.random(drives) for _ in sigmas]
+    drawn = sigmas * scipy.special.ndtri(np.transpose(parts) / drives)
     shared = {"extent": ingredient.extent, "neighbours": budget.neighbours, "rounding": rounding}
     return [SensorErrors(*errors, **shared) for errors in drawn.tolist()]
-
-
-def _stratified(rng: np.random.Generator, drives: int) -> Array:
-    """Standard normal numbers (drives,), one from each of equal parts."""
-    parts = rng.permuted(np.arange(drives))
-    return np.asarray(scipy.special.ndtri((parts + rng.random(drives)) / drives))
 
 
 def with_known_errors(scan: RadarScan, ingredient: Ingredient) -> RadarScan:

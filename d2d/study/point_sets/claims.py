@@ -96,12 +96,6 @@ def _near_of_ndt() -> dict[tuple[str, str], Measured]:
     return {key: share_over(each, NDT_STARTS) for key, each in good.items()}
 
 
-def _loss_with_distance(scene: str, method: str) -> Measured:
-    """By how much the share of successes from far starts is below that from near ones."""
-    far, near = _success_shares()[scene, method].T
-    return mean_of(near - far)
-
-
 def _smallest_lead(others: Iterable[str]) -> Measured:
     """Return ICP's smallest lead over other methods: the difference of shares from far starts."""
     shares = _success_shares()
@@ -124,7 +118,8 @@ def icp_feeble(ev: Evidence) -> None:
     for scene in SCENES:
         ev(f"{scene}: share from near starts, {ICP}", _near(scene, ICP))
         add = needs_a_guess.headline if scene == FULL_VIEW else needs_a_guess
-        add(f"{scene}: loss of this share from far starts, {ICP}", _loss_with_distance(scene, ICP))
+        far, near = _success_shares()[scene, ICP].T
+        add(f"{scene}: loss of this share from far starts, {ICP}", mean_of(near - far))
         for method in (*COMPARED, *COARSE):
             ev(f"{scene}: share from far starts, {method}", _far(scene, method))
     lead = ev("smallest lead of ICP over an NDT with cells of 1 m", _smallest_lead(NDT))

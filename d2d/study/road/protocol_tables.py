@@ -32,19 +32,12 @@ FAR = 10.0  # a factor between an ANEES and 1 from which on all have one colour
 PAGE = "road_protocol.md"
 
 
-def mean_and_half_width(values: Array) -> tuple[Array, Array]:
-    """The mean over some drives, and half the width of its 95 % interval by Student's t."""
-    count = len(values)
-    half = scipy.stats.t.ppf(0.975, count - 1) * np.std(values, axis=0, ddof=1) / np.sqrt(count)
-    return np.mean(values, axis=0), half
-
-
 def over_drives(values: Array, digits: int) -> str:
-    """Two drives one beside the other, more as their mean with its interval."""
+    """Two drives one beside the other, more as their mean with its interval by Student's t."""
     if len(values) < 3:
         return " / ".join(f"{value:.{digits}f}" for value in values)
-    mean, half = mean_and_half_width(values)
-    return f"{mean:.{digits}f} (±{half:.{digits}f})"
+    half = scipy.stats.t.ppf(0.975, len(values) - 1) * scipy.stats.sem(values)
+    return f"{values.mean():.{digits}f} (±{half:.{digits}f})"
 
 
 def by_drive(rows: pd.DataFrame, measure: str, cell: str = ALL) -> pd.DataFrame:
