@@ -10,6 +10,7 @@ from scipy.stats import kstest
 from d2d import RegistrationCost, UniformOutlier
 from d2d.study.line import outlier_study
 from d2d.study.line.scene import (
+    CORRUPTED,
     FIXED_POSITIONS,
     TRUTH,
     cluster_positions,
@@ -69,7 +70,7 @@ def test_a_cluster_grows_around_a():
 GRID = np.linspace(-4.0, 14.0, 181)
 WIDE = np.linspace(-10.0, 10.0, 2001)
 COSTS = [RegistrationCost(*pair) for pair in product(METRICS, FUSIONS)]
-COSTS.append(RegistrationCost(outlier=UniformOutlier(0.01)))
+COSTS += [RegistrationCost(outlier=each) for each in (UniformOutlier(0.01), CORRUPTED)]
 
 
 def test_log_surface_of_a_batch_is_that_of_each_scene_and_translation():
