@@ -136,8 +136,8 @@ def simulate_drive(
     A lap is 300 m long; at the default mean ``speed`` (m/s), a robot's, it takes 120 s.  For a car
     in town, use `CAR_SPEED` and `CAR_MOUNTING` of ``d2d.radar.simulation.drive``.  The vehicle
     drives without side slip, slows down in bends, and has driven for ``start`` seconds at time 0.
-    By default, `build_world` draws the world.  The ``errors`` change neither what is detected nor
-    the targets' own noise, unless there is a lag.
+    By default, `build_world` draws the world.  Without a lag, the ``errors`` change neither what is
+    detected nor the targets' own noise.
     """
     check_instance("rng", rng, np.random.Generator)
     duration = check_positive_scalar("duration", duration)

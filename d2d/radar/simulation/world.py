@@ -15,7 +15,6 @@ KINDS = ("wall", "car", "pole", "vegetation", "moving", "clutter")  # origins of
 
 LAP = 300.0  # m, length of a lap
 _CORNER = 24.0  # m: length of a quarter turn, whose smallest radius is 7.6 m
-_SLOWING = 1.0  # speed where a turn is tightest: 1 / (1 + this) of the speed on a straight
 _STEP = 0.05  # m, of the splines
 
 # Offsets to the left of the path, in m.  Traffic drives on the right, so the kerb is to the right
@@ -161,10 +160,10 @@ def _lap() -> "tuple[scipy.interpolate.CubicHermiteSpline, ...]":
     )
     steps = _STEP * (direction[:-1] + 4.0 * middle + direction[1:]) / 6.0
     place = np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
-    # time per metre is 1 + _SLOWING |curvature| / tightest, relative to the straight
+    # time per metre is 1 + |curvature| / tightest, relative to the straight
     tightest = np.pi / _CORNER
-    time = grid + _SLOWING * turned.sum(axis=1) / tightest
-    pace = 1.0 / (1.0 + _SLOWING * curvature.sum(axis=1) / tightest)
+    time = grid + turned.sum(axis=1) / tightest
+    pace = 1.0 / (1.0 + curvature.sum(axis=1) / tightest)
     stretch = LAP / time[-1]
     progress = spline(time * stretch, grid, pace / stretch)
     return spline(grid, place, direction), heading, progress

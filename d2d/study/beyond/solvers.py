@@ -40,7 +40,7 @@ def annealed_share(
 ) -> float:
     """Share of the draws that a schedule takes from zero motion to the truth.
 
-    ``inflate_outlier`` widens the outlier component, if ``robust``, too, unlike `d2d.register`.
+    Unlike `d2d.register`, ``inflate_outlier`` widens the outlier component of ``robust``, too.
     """
     fixed, moving = same_draws(scenario, runs)
     theta = np.zeros(3)

@@ -27,7 +27,7 @@ def record_path() -> Path:
 def write_record(path: Path, evidence: Mapping[str, Evidence]) -> None:
     """Write the evidence, with its numbers rounded to four significant digits.
 
-    A number with an interval is a list of itself, the bounds, and of a headline its place.
+    A number with an interval becomes a list with its bounds, and a headline's place on the axis.
     """
     stored = {
         key: {"verdict": item.verdict}

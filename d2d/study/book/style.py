@@ -29,7 +29,7 @@ def use_style() -> None:
 
 
 def letter_panels(axes: NDArray[np.object_]) -> None:
-    """Put (a), (b), ... before the titles, and labels at panels with the numbers of the axis."""
+    """Put (a), (b), ... before the titles, and each label at the panel with the axis's numbers."""
     for letter, ax in zip("abcdefghijkl", axes.ravel(), strict=False):
         ax.set_title(f"({letter}) {ax.get_title('left')}".rstrip())
         for axis, side in ((ax.xaxis, "labelbottom"), (ax.yaxis, "labelleft")):

@@ -39,8 +39,8 @@ def walkers_by_pair(
 ) -> list[NDArray[np.bool_]]:
     """Whether targets would be rejected if they walked, (A, n) for every tenth pair that is used.
 
-    Static targets that the previous scan shows, too, get Doppler velocity and displacement of
-    somebody who walks at ``speed`` (m/s), ``angles`` (A,) in rad from away along the line of sight.
+    Static targets that the previous scan shows, too, get the Doppler velocity and the displacement
+    of a walker with ``speed`` (m/s) at ``angles`` (A,) in rad to the line of sight; 0 is away.
     """
     rejected = []
     for i in range(0, len(drive.scans) - 1, 10):

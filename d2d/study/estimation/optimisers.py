@@ -89,7 +89,7 @@ def descend(
 ) -> Path:
     """Repeat x <- x + step(problem, x), without any safeguard, until the step is short.
 
-    It has converged if the largest entry is below ``tolerance``, and not if it is not finite.
+    It has converged if the largest entry of the last step is below ``tolerance``.
     """
     points = [np.asarray(start, dtype=np.float64)]
     converged = False

@@ -145,7 +145,7 @@ def bias_against_targets() -> pd.DataFrame:
 
 
 class Reason(NamedTuple):
-    """Faults of a drive: unknown errors, sigmas off by a factor, radars turned by times `BIAS`."""
+    """Faults of a drive: unknown errors, a factor on all sigmas, turns of both radars in `BIAS`."""
 
     errors: SensorErrors = SensorErrors()
     factor: float = 1.0

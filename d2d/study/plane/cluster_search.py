@@ -54,7 +54,7 @@ def shares_wrong(kind: ClusterKind, scenes: int, first: int = 0) -> Array:
 def _share_wrong(kind: ClusterKind, seed: int) -> float:
     """Share of the draws of one scene with a lower minimum than at the truth.
 
-    They start there, also turned about the first cluster: low minima keep a cluster in place.
+    Descents start there, and turned about the first cluster, which low minima keep in place.
     """
     rng = np.random.default_rng(seed)
     layout = Layout(clusters=kind.clusters, companions=kind.companions, cluster_radius=kind.radius)

@@ -79,7 +79,7 @@ class RoomScan:
         return self.range[:, None] * rigid.rotation(self.azimuth)[:, :, 0]
 
     def targets(self) -> PointSet:
-        """Every point as a Gaussian, across the ray half as wide as the next ray is far."""
+        """Every point as a Gaussian target, as wide across as half the gap to the next ray."""
         return PointSet.from_polar(self.range, self.azimuth, SIGMA_RANGE, 0.5 * self.spacing)
 
 

@@ -118,8 +118,8 @@ def compute(
 ) -> tuple[dict[str, Result], dict[str, Any]]:
     """Compute all runs on one sequence, and the facts about the recording.
 
-    Errors are relative to the odometry, with the correction that the first half suggests; facts
-    have the RMSE with the stated one.  Times count from the first scan.
+    Errors are relative to the odometry, corrected as the first half of the recording suggests; the
+    facts have the RMSE with the stated correction, too.  Times count from the first scan.
     """
 
     @cache
@@ -201,7 +201,7 @@ def _doppler_track(recordings: Sequence[Recording]) -> Track:
 def recording_facts(raw: Sequence[Recording], duration: float) -> tuple[dict[str, Any], Correction]:
     """Clock, slip and mountings by the Doppler velocities, and the correction to use.
 
-    ``raw`` are the recordings without one.  It is fitted to the first half only.
+    ``raw`` are recordings read without a correction, which is fitted to their first half only.
     """
     halves = {"first half": (0.0, 0.5 * duration), "second half": (0.5 * duration, np.inf)}
     odometry = raw[0].reference

@@ -119,7 +119,7 @@ def causes(found: Judged, stored: ErrorBudget) -> str:
 def counts(rows: pd.DataFrame) -> str:
     """How many estimates were judged, how many blocks they make, and what share they are.
 
-    Blocks are as long as errors and NEES need; errors beyond `GROSS` are grossly off.
+    Blocks are as long as the errors and their NEES need; beyond `GROSS` an error is gross.
     """
     one_each = rows.drop_duplicates(["cell", "drive"], keep="last")
     lines = [

@@ -64,7 +64,7 @@ def fit_correction(velocities: ScanVelocities, odometry: Reference) -> Correctio
 
 
 def _model(velocities: ScanVelocities, odometry: Reference) -> CalibrationModel:
-    """The model of all sensors with one odometry, without a bias, and a slip as v_x omega."""
+    """The model of all sensors with one unbiased odometry, and a slip proportional to v_x omega."""
     model = CalibrationModel.of(velocities, [odometry] * len(np.unique(velocities.sensor)), (1,))
     free = model.free.copy()
     free[-1] = False

@@ -55,7 +55,7 @@ def beside_changed_reference(
 ) -> Comparison:
     """The track beside its reference read ``lag`` (s) earlier and faster by a factor 1 + ``speed``.
 
-    It is known from the track and its errors (n, 3), and interpolated linearly.
+    The reference follows from the track and its errors (n, 3), and is linear in between.
     """
     known = np.asarray(np.isfinite(errors).all(axis=-1))
     theta = (track.theta - errors)[known]
