@@ -93,9 +93,9 @@ class RadarScan(Frozen):
     counter-clockwise from the boresight, and ``doppler`` in m/s, positive for receding targets; K
     may be 0.  The standard deviations ``sigma_range``, ``sigma_azimuth`` and ``sigma_doppler`` are
     numbers or arrays (K,) in the same units, and so is the ``extent`` in m, by which a target's
-    reflection point scatters along each axis.  With an ``elevation`` (K,) in
-    rad, positive upwards, ranges and Doppler velocities are along the inclined line of sight; the
-    ``sigma_elevation`` in rad is by default that of the azimuth.
+    reflection point scatters along each axis.  With an ``elevation`` (K,) in rad, positive upwards,
+    range and Doppler velocity are along the inclined line of sight; the ``sigma_elevation`` in rad
+    is by default that of the azimuth.
 
     Raises a ``ValueError`` if a range or standard deviation is not positive or so large or small
     that no covariance can hold it, an azimuth beyond 2 pi or an elevation beyond a right angle.
@@ -177,17 +177,15 @@ class RadarScan(Frozen):
     ) -> RadarScan:
         """The scan of a radar that reports positions, such as a list of objects or clusters.
 
-        The positions x along the boresight, y to the left and, if the radar measures elevations, z
-        upwards are arrays (K,) in m in the sensor frame.  Targets have either radial velocities
-        ``doppler`` (K,), positive if they recede, or a ``velocity`` (K, 2), with z (K, 3), in m/s,
-        relative to the sensor and not compensated for its own motion, of which a Doppler radar
-        measures the part along the line of sight.
+        The positions x along the boresight, y to the left and, with elevations, z upwards are
+        arrays (K,) in m in the sensor frame.  Targets have either radial velocities ``doppler``
+        (K,), positive if they recede, or a ``velocity`` (K, 2), with z (K, 3), in m/s relative to
+        the sensor, not compensated for its motion, of which the part along the sight counts.
 
-        The variances of all errors that are given are added: of the standard deviations, as for
-        `RadarScan`; of the ``covariance`` (K, D, D) or (D, D) of the position in m^2, without the
-        correlations between the line of sight and the directions across it; and of rounding, to
-        multiples of ``grid`` (m) in positions and of ``step`` (m/s) in the Doppler velocity or each
-        component of the velocity; see `quantisation_sigma`.
+        The variances of all given errors are added: of the standard deviations, as for `RadarScan`;
+        of the ``covariance`` (K, D, D) or (D, D) of the position in m^2, along and across the line
+        of sight; and of rounding, to multiples of ``grid`` (m) in positions and of ``step`` (m/s)
+        in velocities; see `quantisation_sigma`.
 
         Raises a ``ValueError`` if a target is at, above or below the sensor, or there is no error
         of the range, the azimuth or the Doppler velocity.
@@ -198,8 +196,7 @@ class RadarScan(Frozen):
         across = np.hypot(ahead, left)
         if not (across > 0).all():
             raise ValueError("x and y must not both be zero, but a target is at the sensor")
-        size, distance = len(across), np.hypot(across, up)
-        axes = 2 if z is None else 3
+        size, axes, distance = len(across), 2 if z is None else 3, np.hypot(across, up)
         sight = np.column_stack([ahead, left, up]) / distance[:, None]
         sideways = np.column_stack([-left, ahead, 0.0 * up]) / across[:, None]
         frame = np.stack([sight, sideways, np.cross(sight, sideways)])[..., :axes]
@@ -309,9 +306,8 @@ class RadarScan(Frozen):
 def quantisation_sigma(step: float, name: str = "step") -> float:
     """Standard deviation of the error of a value that is rounded to multiples of ``step``.
 
-    The error is uniform over one step, so that the variance is step^2 / 12, which adds to that of
-    the measurement.  Where the noise is much smaller than the step, errors are not independent from
-    one value to the next.  A ``ValueError`` calls the argument ``name``.
+    The error is uniform over a step, with the variance step^2 / 12, which adds to that of the
+    measurement.  A ``ValueError`` calls the argument ``name``.
     """
     return float(_STEP.number(name, step) / np.sqrt(12.0))
 
