@@ -67,12 +67,12 @@ def growth(minutes: int) -> str:
 
 
 def main() -> None:
-    """Print both."""
+    """Print all."""
     parser = argparse.ArgumentParser("benchmarks.live", description=__doc__)
     parser.add_argument("--minutes", type=int, default=60, help="of the drive (default: 60)")
     minutes = parser.parse_args().minutes
-    print(latency(4, 1.0 / 0.075, 200))
-    print(latency(1, 20.0, 1000))
+    for drive in ((1, 1.0 / 0.075, 200), (4, 1.0 / 0.075, 200), (1, 20.0, 1000)):
+        print(latency(*drive))
     print(growth(minutes))
 
 

@@ -22,9 +22,9 @@ SLIP = SlipLaw(ahead=0.0, compliance=0.0045)
 
 # Fitted to the errors of all four sensors together in sequence 105, by maximum likelihood, which
 # cannot tell azimuth (0.10 deg) and Doppler (0.040 m/s) apart; sensor 3 alone has 0.2 deg.
-# So the azimuth is as large as costs the four at most 0.05 of their log score.
+# Beside 0.15, this costs a log score of 0.01 (108: 0.05), and covariances of paths become truer.
 RADARSCENES_BUDGET = ErrorBudget(
-    azimuth=float(np.deg2rad(0.15)),
+    azimuth=float(np.deg2rad(0.20)),
     doppler=0.035,
     scale=0.0013,
     lag=0.015,
