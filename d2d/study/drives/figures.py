@@ -181,33 +181,23 @@ def error_columns(
         ax.set_ylabel(f"{symbol} ({unit})")
 
 
-def velocity_ellipses(ax: Axes, estimates: Mapping[str, Estimate], theta: Array) -> None:
-    """95 % ellipses of estimated velocities without and with Doppler, and the true ``theta``.
-
-    An inset enlarges the smaller one.
-    """
-    inset = ax.inset_axes((0.6, 0.2, 0.38, 0.66), aspect="equal")
-    for name, estimate in estimates.items():
-        color = GREY if name == "without Doppler" else ROBUST
-        of_velocity = PointSet(estimate.theta[None, :2], estimate.covariance[None, :2, :2])
-        for panel in (ax, inset) if color == ROBUST else (ax,):
-            panel.plot(*estimate.theta[:2], "o", ms=3, color=color)
-            size = math.sqrt(scipy.special.chdtri(2, 0.05))
-            ellipses(panel, of_velocity, size, edgecolor=color, linewidth=1.5)
-        if color == ROBUST:
-            inset.set_title(name, color=color)
-        else:
-            label(ax, estimate.theta[:2], name, color, (34, 48))
-    for panel in (ax, inset):
-        panel.plot(*theta[:2], "+", color=BLACK, ms=9)
-        panel.autoscale_view()
-    label(inset, theta[:2], "truth", BLACK, (20, -12))
-    ax.set(xlabel="$v_x$ (m/s)", ylabel="$v_y$ (m/s)", xticks=[0, 2, 4])
-    ax.set_aspect("equal", adjustable="datalim")
-    low, high = ax.get_xlim()
-    ax.update_datalim([(low + 2.6 * (high - low), theta[1])])  # room for the inset
-    ax.autoscale_view()
-    ax.indicate_inset_zoom(inset, edgecolor="0.5")
+def velocity_ellipses(
+    axes: Sequence[Axes], estimates: Mapping[str, Estimate], theta: Array
+) -> None:
+    """Errors without and with Doppler, in m/s and in cm/s, in 95 % ellipses; cross: ``theta``."""
+    looks = (GREY, 1.0, "m/s"), (ROBUST, 100.0, "cm/s")
+    for ax, (name, found), look in zip(axes, estimates.items(), looks, strict=True):
+        color, scale, unit = look
+        error = scale * (found.theta[None, :2] - theta[:2])
+        stated = PointSet(error, scale**2 * found.covariance[None, :2, :2])
+        size = math.sqrt(scipy.special.chdtri(2, 0.05))
+        ellipses(ax, stated, size, edgecolor=color, linewidth=1.5)
+        ax.plot(*error.T, "o", ms=3, color=color)
+        ax.plot(0.0, 0.0, "+", color=BLACK, ms=9)
+        ax.autoscale_view()
+        ax.set(xlabel=f"error of $v_x$ ({unit})", ylabel=f"error of $v_y$ ({unit})", title=name)
+        ax.set_aspect("equal", adjustable="datalim")
+    label(axes[0], (-2.4, -1.2), "(b) fits into\nthe cross", BLACK, (0, 0))
 
 
 def rejected_kinds(ax: Axes, shares: Mapping[str, Mapping[str, float]]) -> None:
