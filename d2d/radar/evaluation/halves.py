@@ -4,8 +4,8 @@ import warnings
 from typing import Unpack
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.cluster.hierarchy import fclusterdata
 
 from d2d._checks import check_choice, check_instance
 from d2d.radar.evaluation.compare import Comparison, enough
@@ -64,7 +64,9 @@ def compare_halves(
             labels = np.arange(pair.current.size)
             if by == "object" and len(labels) > 1:
                 points = pair.current.point_set(pair.mounting).means
-                labels = fclusterdata(points, _WITHIN, criterion="distance", method="single")
+                labels = scipy.cluster.hierarchy.fclusterdata(
+                    points, _WITHIN, criterion="distance", method="single"
+                )
             first = _half(rng, labels)
             for pairs, chosen in zip(halves, (first, ~first), strict=True):
                 if chosen.any():

@@ -5,8 +5,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.ndimage import median_filter
-from scipy.signal import correlate
+import scipy
 
 from d2d._types import Array
 from d2d.radar.evaluation.calibration_model import scan_velocities
@@ -157,14 +156,14 @@ def _lag(own: SensorMotion, other: SensorMotion) -> tuple[float, float]:
         return 0.0, 0.0
     rows = []
     for each in (own, other):
-        smooth = median_filter(each.origin, (_SMOOTHED, 1)) @ [1, 1j]
+        smooth = scipy.ndimage.median_filter(each.origin, (_SMOOTHED, 1)) @ [1, 1j]
         rows.append(np.interp(times, each.times, smooth, np.nan, np.nan))
     (a, b), (seen, seen_there) = np.nan_to_num(rows), np.isfinite(rows).astype(float)
     lags = _LAG_STEP * np.arange(-count, count + 1)
     pairs = [(seen, seen_there), (np.abs(a) ** 2, seen_there), (seen, np.abs(b) ** 2)]
     pairs += [(a, b), (a, seen_there)]  # zero where one is not known
     there = slice(len(times) - 1 - count, len(times) + count)
-    shared, *sums = (correlate(*pair)[there] for pair in pairs)
+    shared, *sums = (scipy.signal.correlate(*pair)[there] for pair in pairs)
     shared = np.round(shared)
     of_own, of_other, product, middle = sums / np.maximum(shared, 1.0)
     left = (of_own + of_other).real - 2.0 * np.abs(product)
