@@ -3,6 +3,7 @@
 import itertools
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -34,11 +35,10 @@ def estimates_of(
     What is wrong with a line goes to ``complain`` with its number, and the next one is read.
     """
     last, pose = None, np.zeros(3)
+    read = partial(_scan, degrees=degrees, sigmas=sigmas, gates=gates)
     for count, line in enumerate(itertools.chain(lines, [None]), start=1):
         try:
-            found = (
-                tracker.finish() if line is None else _add(tracker, line, gates, degrees, sigmas)
-            )
+            found = tracker.finish() if line is None else _add(tracker, line, read)
         except (ValueError, RecursionError) as error:
             if line is None:
                 raise
@@ -55,11 +55,7 @@ def estimates_of(
 
 
 def _add(
-    tracker: Tracker,
-    line: str,
-    gates: Mapping[str, Any],
-    degrees: bool,
-    sigmas: dict[str, float],
+    tracker: Tracker, line: str, read: Callable[[dict[str, Any]], RadarScan]
 ) -> list[VelocityEstimate]:
     """The estimates that a line completes."""
     if not line.strip():
@@ -72,10 +68,12 @@ def _add(
     if "yaw_rate" in entry:
         tracker.add_gyro(*(np.atleast_1d(entry[name]) for name in ("time", "yaw_rate")))
         return []
-    return tracker.add(str(entry.get("sensor")), _scan(entry, degrees, sigmas).within(**gates))
+    return tracker.add(str(entry.get("sensor")), read(entry))
 
 
-def _scan(entry: dict[str, Any], degrees: bool, sigmas: dict[str, float]) -> RadarScan:
+def _scan(
+    entry: dict[str, Any], degrees: bool, sigmas: dict[str, float], gates: Mapping[str, Any]
+) -> RadarScan:
     missing = [name for name in ("sensor", *_COLUMNS) if name not in entry | sigmas]
     if missing:
         raise ValueError(f"a scan must have {', '.join(missing)}")
@@ -86,7 +84,7 @@ def _scan(entry: dict[str, Any], degrees: bool, sigmas: dict[str, float]) -> Rad
     }
     values = entry | turned | sigmas
     upwards = {name: values[name] for name in UPWARDS if name in values}
-    return RadarScan(*(values[name] for name in _COLUMNS), **upwards)
+    return RadarScan(*(values[name] for name in _COLUMNS), **upwards).within(**gates)
 
 
 def _line(estimate: VelocityEstimate, pose: Array) -> str:

@@ -62,10 +62,26 @@ def load_bag(
     Raises a ``ValueError`` if the bag cannot be read or a topic, field or mounting is missing, and
     a ``ModuleNotFoundError`` without rosbags.
     """
-    source = check_path("path", path)
-    stated, found = dict(mountings or {}), {}
-    for topic in topics:
-        scans, frame = _scans(source, topic, bag_stamps, min_snr, sigmas)
+    source, stated, found = check_path("path", path), dict(mountings or {}), {}
+    given = {name: sigma for name, sigma in sigmas.items() if sigma is not None}
+    for name in topics:
+        clouds, times, frame = [], [], ""
+        with _opened(source) as bag:
+            topic = _topic(source, bag, "a radar", _SCANS, name)
+            with reading(source, f"a bag with scans of a radar on {topic}"):
+                for message, time, kind in _messages(bag, topic, bag_stamps):
+                    clouds.append(_cloud(message) if kind == _SCANS[0] else _returns(message))
+                    times.append(time)
+                    frame = message.header.frame_id
+                columns, where = _columns(clouds), f"{source}, {topic}"
+                columns, used = select(where, "points", columns, valid(columns), given, min_snr)
+                ends = np.cumsum([len(next(iter(cloud.values()))) for cloud in clouds])
+                scans = [
+                    scan_of(time, {name: c[own][used[own]] for name, c in columns.items()})
+                    for time, own in zip(
+                        times, np.split(np.arange(len(used)), ends[:-1]), strict=True
+                    )
+                ]
         found[topic] = scans, stated.get(topic) or _mounting(source, frame, base_frame)
     return found
 
@@ -141,33 +157,6 @@ def _messages(bag: Any, topic: str, bag_stamps: bool = False) -> Iterator[tuple[
         if bag_stamps or not time:
             time = _NANOSECOND * written
         yield message, time, connection.msgtype
-
-
-def _scans(
-    path: Path,
-    topic: str,
-    bag_stamps: bool,
-    min_snr: float | None,
-    sigmas: Mapping[str, float | None],
-) -> tuple[list[RadarScan], str]:
-    """The scans of a topic, and the frame that their headers name."""
-    clouds, times, frame = [], [], ""
-    with _opened(path) as bag:
-        topic = _topic(path, bag, "a radar", _SCANS, topic)
-        with reading(path, f"a bag with scans of a radar on {topic}"):
-            for message, time, kind in _messages(bag, topic, bag_stamps):
-                clouds.append(_cloud(message) if kind == _SCANS[0] else _returns(message))
-                times.append(time)
-                frame = message.header.frame_id
-            columns, where = _columns(clouds), f"{path}, {topic}"
-            given = {name: sigma for name, sigma in sigmas.items() if sigma is not None}
-            columns, used = select(where, "points", columns, valid(columns), given, min_snr)
-            ends = np.cumsum([len(next(iter(cloud.values()))) for cloud in clouds])
-            scans = [
-                scan_of(time, {name: c[own][used[own]] for name, c in columns.items()})
-                for time, own in zip(times, np.split(np.arange(len(used)), ends[:-1]), strict=True)
-            ]
-    return scans, frame
 
 
 def _columns(clouds: Sequence[Mapping[str, Array]]) -> dict[str, Array]:

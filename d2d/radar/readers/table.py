@@ -36,12 +36,9 @@ TARGET: dict[str, tuple[Mapping[str, float], str]] = {
     "y": (_LENGTHS, "y pos_y"),
     "z": (_LENGTHS, "z pos_z"),
     "doppler": (_SPEEDS, f"doppler {_VELOCITIES}"),
-    "sigma_range": (_LENGTHS, "sigma_range"),
-    "sigma_azimuth": (_ANGLES, "sigma_azimuth"),
-    "sigma_doppler": (_SPEEDS, "sigma_doppler"),
-    "sigma_elevation": (_ANGLES, "sigma_elevation"),
     "snr": ({}, "snr snr_db intensity amplitude power rcs"),
 }
+TARGET |= {f"sigma_{name}": (TARGET[name][0], f"sigma_{name}") for name in (*MEASURED, "elevation")}
 QUANTITIES = TARGET | {
     "time": (_TIMES, "time timestamp stamp t datetime"),
     "sensor": ({}, "sensor sensor_id"),
