@@ -119,9 +119,11 @@ def load_nuscenes(
     times = np.array([time for time, _ in files])
     moved = _reference(folder, tables, scene, tokens, times - time_offset, speed_factor)
     reference = Reference(times, moved.theta, moved.poses)
-    excesses = prediction_time * _filled(reference.theta[:, 2]) ** 2
+    turns = reference.theta[:, 2]
+    known = np.isfinite(turns)
+    turns = np.interp(times, times[known], turns[known]) if known.any() else 0.0 * times
     scans = []
-    for (time, file), excess in zip(files, excesses, strict=True):
+    for (time, file), excess in zip(files, prediction_time * turns**2, strict=True):
         path = existing(folder, file, f"a scan of {channel}")
         scans.append(_scan(time, _point_cloud(path), excess, strongest, errors))
     mounting = mounting if stated_mounting else _corrected(mounting, channel)
@@ -135,10 +137,7 @@ def _scan(
     strongest: int | None,
     errors: Mapping[str, Any],
 ) -> RadarScan:
-    """The scan of valid targets, whose velocities are too large by ``excess`` times the range.
-
-    An empty scan holds a target that is not a number.
-    """
+    """The scan of valid targets, whose velocities are too large by ``excess`` times the range."""
     good = np.isin(columns["invalid_state"], _VALID) & (columns["ambig_state"] == _UNAMBIGUOUS)
     good &= BOUNDS["range"].hold(np.hypot(columns["x"], columns["y"]))
     good &= np.isfinite([columns[name] for name in ("vx", "vy", "rcs")]).all(axis=0)
@@ -205,14 +204,6 @@ def _reference(
         square = front**2 - (_WHEELBASE * moved.theta[:, 2]) ** 2
         moved.theta[:, 0] = np.sign(front) * np.sqrt(np.maximum(square, 0.0))
     return moved
-
-
-def _filled(values: Array) -> Array:
-    """Values (n,), with unknown ones replaced by the nearest known ones, or by zero."""
-    known = np.flatnonzero(np.isfinite(values))
-    if not len(known):
-        return np.zeros_like(values)
-    return np.interp(np.arange(len(values)), known, values[known])
 
 
 # ---- The tables

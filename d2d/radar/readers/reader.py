@@ -39,9 +39,8 @@ def data_set(
         names = chosen[sensor]
         check_once(names)
         loaded = {str(name): load(root, chosen[recording], name) for name in names}
-        budgets = [each.budget for each in loaded.values()]
         sensors = {name: (each.scans, each.mounting) for name, each in loaded.items()}
-        return sensors, budgets[0] or ErrorBudget()
+        return sensors, next(iter(loaded.values())).budget or ErrorBudget()
 
     about = f"folder of the {title} data set"
     return Reader(title.lower(), about, load, (recording, sensor), read, "ROOT", trial=trial)
