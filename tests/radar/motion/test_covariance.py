@@ -29,7 +29,7 @@ from d2d.radar import (
     estimate_ego_motion,
     propagate_ego_motion,
 )
-from d2d.radar.motion.covariance import add_noise, apply_budget, influences
+from d2d.radar.motion.covariance import apply_budget, influences
 from d2d.radar.motion.estimate import estimate_velocity
 from d2d.radar.motion.model import DEFAULT_OUTLIER
 from d2d.radar.motion.pairs import ScanPair, problem_of
@@ -288,23 +288,6 @@ def test_the_same_pair_twice_tells_nothing_new():
     alone = propagate_ego_motion(once, *pair)
     assert_allclose(propagated(twice, [pair, copy]), alone, rtol=1e-6)
     assert_array_equal(propagated(once, [pair]), alone)
-
-
-def test_more_scatter_of_the_positions_is_none_of_the_azimuth():
-    """Breaks if the share is taken from the positions' covariances, not the azimuth's sigma."""
-    pairs = pairs_of(several(np.random.default_rng(4)))
-    problem = problem_of(pairs, EgoMotionModel())
-    found = influences(problem, problem.bind(estimated(pairs).theta), pairs)
-    extended = found._replace(covariances=found.covariances + 0.09 * np.eye(2))
-    more = np.einsum("kid,kjd->ij", found.position, found.position)
-    noise = np.zeros((2, 3, 3))
-    for total, each in zip(noise, (found, extended), strict=True):
-        add_noise(each, True, total)
-    assert_allclose(noise[1], noise[0] + 0.09 * more, rtol=1e-9)
-    scans = [(pair.previous, pair.mounting) for pair in pairs]
-    scans += [(pair.current, pair.mounting) for pair in pairs]
-    stated = np.concatenate([scan.point_set(mounting).covariances for scan, mounting in scans])
-    assert_array_equal(found.covariances, stated)
 
 
 # ---- what has no covariance, and what is refused
