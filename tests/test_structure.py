@@ -17,8 +17,8 @@ MODULES = {
 }
 # What a part may not import. A subject of the study may import those that come before it.
 SUBJECTS = (
-    *("book", "mixtures", "point_sets", "line", "plane", "estimation"),
-    *("drives", "road", "beyond", "guides"),
+    *("book", "mixtures", "point_sets", "line", "plane", "drives"),
+    *("estimation", "road", "beyond", "guides"),
 )
 # Clauses and pronouns that a reader cannot search for; `Whether` names a truth value.
 NO_NOUN = re.compile(r"(What|Those|The same|It|This|These|They|That|Which)\b")

@@ -38,7 +38,7 @@ FAR_OFF = {"TRUTH": 4.0}  # m: where no peak is
 CACHED = (
     *(surfaces.surfaces_of_scene, outlier_study.scene, outlier_study.survey_scene),
     *(cluster_study.spread, cluster_study.cluster_sweep, drives.tracked_drive),
-    *(point_sets._success_shares, point_sets._near_of_ndt, estimation.anees_of_drives),
+    *(point_sets._success_shares, point_sets._near_of_ndt),
 )
 
 

@@ -1,16 +1,16 @@
 """Claims of thesis sections 5.1 and 5.2: optimisers and covariances on the overlapped scene."""
 
 from collections.abc import Sequence
-from functools import cache
 
 import numpy as np
 
 from d2d._types import Array
 from d2d.cost import RegistrationCost
 from d2d.point_set import PointSet
-from d2d.radar import compare, simulate_drive, track
+from d2d.radar import compare
 from d2d.study.book.claim import ANEES, DECIBELS, Evidence, claim, decide, nearly_all
 from d2d.study.book.measured import Measured, anees_of, inclination_of, mean_of, median_of, share_of
+from d2d.study.drives.claims import DRIVES, DURATION, robot_drives
 from d2d.study.estimation.covariance_trials import (
     COSTS,
     RUNS,
@@ -34,7 +34,6 @@ from d2d.study.plane.evaluation import times_off
 
 STARTS = 300  # of the four methods, within 5 m and 30 degrees of the truth
 UNITS = {"m": 1.0, "25 m": 25.0}  # of lengths; in the second, an angle weighs as much as a shift
-DRIVES, DURATION = 8, 40.0  # of the robot, in s
 AREA_STEP = 0.1  # m
 
 
@@ -129,16 +128,10 @@ def fisher_suffices(ev: Evidence) -> None:
     )
 
 
-@cache
 def anees_of_drives() -> Measured:
     """Mean ANEES of the inverse Hessian over simulated drives, with Doppler velocities."""
-    drives = [simulate_drive(np.random.default_rng(seed), DURATION) for seed in range(DRIVES)]
-    return mean_of(
-        [
-            compare(track(each, baseline=1, carry=False), each.truth).credibility.anees
-            for each in drives
-        ]
-    )
+    tracked = [compare(tracks[True], drive.truth) for drive, tracks in robot_drives()]
+    return mean_of([each.credibility.anees for each in tracked])
 
 
 @claim("summing-not-gaussian", section="5.2", lines="831, 1166", figure="covariance-credibility")
