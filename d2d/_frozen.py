@@ -1,6 +1,5 @@
 """The base of containers that do not change, and so may store what they have computed."""
 
-from dataclasses import fields
 from functools import cached_property
 from typing import Any, Self
 
@@ -17,15 +16,15 @@ class Frozen:
         """Set an attribute; an array of the object's own, or a tuple of them, becomes read-only."""
         for array in value if isinstance(value, tuple) else (value,):
             if isinstance(array, np.ndarray):
-                array.flags.writeable = False
+                array.setflags(write=False)
         object.__setattr__(self, name, value)
 
     @classmethod
     def _made(cls, *values: object) -> Self:
         """An object of values that are known to be good, in the order of the fields."""
         made = cls.__new__(cls)
-        for each, value in zip(fields(cls), values, strict=True):  # type: ignore[arg-type]
-            made._keep(each.name, value)
+        for name, value in zip(cls.__dataclass_fields__, values, strict=True):  # type: ignore[attr-defined]
+            made._keep(name, value)
         return made
 
     def __getstate__(self) -> dict[str, Any]:

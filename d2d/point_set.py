@@ -96,7 +96,7 @@ class PointSet(Frozen):
         """Store arrays that are known to be good, broadcast to one batch shape."""
         shapes = means.shape[:-2], covariances.shape[:-3], weights.shape[:-1]
         batch = shapes[0]
-        if any(shape != batch for shape in shapes):
+        if not batch == shapes[1] == shapes[2]:
             batch = broadcast_batches("means, covariances and weights", *shapes)
         for name, array, axes in (
             ("means", means, 2),

@@ -160,7 +160,7 @@ def read_only(array: NDArray[Any], *shape: int) -> NDArray[Any]:
     An entry is compiled anew for each type of its arguments; so all arrays become of one.
     """
     shaped = np.ascontiguousarray(array).reshape(shape)
-    shaped.flags.writeable = False
+    shaped.setflags(write=False)
     return shaped
 
 
