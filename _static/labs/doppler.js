@@ -213,7 +213,7 @@ labs.define(
           "p",
           {},
           html("strong", {}, `${agree} of ${now.length} targets`),
-          ` agree with the velocity that you steer. The estimate takes the mover for an inlier with a probability of ${share} %.`,
+          ` agree with the velocity that you steer. With ${share} % the mover is an inlier.`,
         ),
         html(
           "p",

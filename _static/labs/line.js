@@ -34,14 +34,14 @@ labs.define(
       xlabel: "x (m)",
       ylabel: "",
       shape: 0.24,
-      narrow: 0.4,
+      narrow: 0.36,
       yTicks: false,
     });
     const curve = lab.plot({
       label: "The cost over the translation",
       xlabel: "translation tₓ (m)",
       shape: 0.37,
-      narrow: 0.62,
+      narrow: 0.55,
     });
     let result = null,
       trail = [];

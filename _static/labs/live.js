@@ -41,7 +41,7 @@ labs.define(
       xlabel: "x (m)",
       ylabel: "y (m)",
       shape: 0.98,
-      narrow: 0.62,
+      narrow: 0.56,
       equal: true,
     });
     const curve = lab.plot({

@@ -38,7 +38,7 @@ labs.define(
       xlabel: "x (m)",
       ylabel: "y (m)",
       shape: 0.9,
-      narrow: 0.46,
+      narrow: 0.42,
       equal: true,
     });
     const map = lab.plot({
@@ -46,7 +46,7 @@ labs.define(
       xlabel: "off the truth in x (m)",
       ylabel: "off the truth in y (m)",
       shape: 0.9,
-      narrow: 0.46,
+      narrow: 0.42,
       equal: true,
       heat: true,
     });
