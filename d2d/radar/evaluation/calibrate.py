@@ -204,8 +204,8 @@ def calibrate(
     )
 
 
-def _check(found: Fit, bound: float = np.inf, margin: float = np.inf) -> None:
-    """Raise a ValueError if the best fit cannot be true, with a margin (m) of ``ahead``."""
+def _check(found: Fit, bound: float = np.inf, margin: float = np.nan) -> None:
+    """Raise a ValueError if a fit cannot be true; without a margin (m), by its residuals."""
     (lag, speed, ahead, _, *yaw, _), rms = found.parameters, np.sqrt(found.mean_square)
     hint = "are they in km/h" if speed > -1.0 else "is a radar mounted backwards"
     refusals = [
@@ -235,7 +235,9 @@ def _check(found: Fit, bound: float = np.inf, margin: float = np.inf) -> None:
             f"mountings near their places, but one is turned by {np.rad2deg(max(yaw)):.0f} deg",
         ),
     ]
-    for wrong, said in refusals:
+    for wrong, said in refusals[
+        : 1 if np.isnan(margin) else None
+    ]:  # others once all are determined
         if wrong:
             raise ValueError(f"recordings must have {said}")
 

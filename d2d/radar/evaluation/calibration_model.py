@@ -19,10 +19,10 @@ from d2d.radar.scans.reference import Reference
 from d2d.radar.scans.scan import Mounting, RadarScan, doppler_gradients, level
 
 _STEP = 0.02  # s, of the search for the lag before it is refined
-# For derivatives in the lag (s), as references jitter from row to row, and in all other parameters.
-_LATER, _LARGER = 0.05, 1e-4
+_LATER = 0.05  # s, for derivatives in the lag: references jitter from row to row
+_MAX_ITERATIONS = 10  # Gauss-Newton steps; the angles are small, so that three are enough
 _TOLERANCE = 1e-10
-_RIDGE = 1e-12  # of the scaled information: what is not observable gets a variance of 1e12
+_RIDGE = 1e-10  # of the scaled information: what is not observable gets a variance of 1e10
 _GATE = 5.0  # times the median deviation of a sensor's scans
 
 
@@ -96,16 +96,25 @@ class CalibrationModel:
             parts.append([np.interp(times, reference.times, c, np.nan, np.nan) for c in columns])
         return np.concatenate(parts, axis=1)
 
-    def residuals(self, parameters: Array, motion: Array) -> Array:
-        """Residuals (n, 3) of the scans over their standard deviations, in a motion of `motion`."""
-        (v, rate), seen = motion, self.velocities
+    def residuals(self, parameters: Array, motion: Array) -> tuple[Array, Array]:
+        """Residuals (n, 3) of the scans over their standard deviations in a motion of `motion`.
+
+        With them come their slopes (n, 3, P), zero for the lag.
+        """
+        (v, rate), (sensor, place, _, triangle, _) = motion, self.velocities
         slip, yaw = np.split(parameters[2:-1], [len(self.powers)])
-        omega = rate - parameters[-1]
-        ahead = slip @ [v**power for power in self.powers]
-        velocity = v * (1.0 + parameters[1]) + 1.0j * omega * (seen.place + ahead)
-        velocity *= np.exp(-1.0j * yaw[seen.sensor])  # as a turned sensor sees it
-        vector = np.stack([-velocity.real, -velocity.imag, np.ones(len(v))], axis=-1)
-        return np.asarray(np.einsum("kij,kj->ki", seen.triangle, vector))
+        turn, omega = np.exp(-1.0j * yaw[sensor]), rate - parameters[-1]
+        powers = np.array([v**power for power in self.powers])
+        arm = 1.0j * (place + slip @ powers)
+        velocity = turn * (v * (1.0 + parameters[1]) + omega * arm)  # x + iy, as the sensors see it
+        of_yaw = -1.0j * velocity * (sensor == np.arange(len(yaw))[:, None])
+        rows = [velocity, 0.0 * v, v * turn, *(1.0j * omega * turn * powers), *of_yaw, -arm * turn]
+        parts = np.array(rows)
+        measured = np.zeros(parts.shape)
+        measured[0] = 1.0
+        vectors = np.stack([-parts.real, -parts.imag, measured])
+        found = np.einsum("kij,jpk->kip", triangle, vectors)
+        return found[..., 0], found[..., 1:]
 
 
 class Fit(NamedTuple):
@@ -117,7 +126,7 @@ class Fit(NamedTuple):
 
 
 def fit_at(model: CalibrationModel, lag: float) -> Fit:
-    """The best other parameters at one lag, by least squares."""
+    """The best other parameters at one lag, by Gauss-Newton steps."""
     motion = model.motion(lag)
     known = model.used & np.isfinite(motion).all(axis=0)
     if not known.any():
@@ -127,15 +136,15 @@ def fit_at(model: CalibrationModel, lag: float) -> Fit:
         )
     parameters, free = model.start.copy(), model.free.copy()
     parameters[0], free[0] = lag, False
-
-    def residuals(values: Array) -> Array:
-        parameters[free] = values
-        return np.where(known[:, None], model.residuals(parameters, motion), 0.0).ravel()
-
-    accuracy = {"xtol": _TOLERANCE, "ftol": _TOLERANCE, "x_scale": "jac"}
-    found = scipy.optimize.least_squares(residuals, parameters[free], method="lm", **accuracy)
-    parameters[free] = found.x
-    return Fit(parameters, 2.0 * float(found.cost / model.velocities.targets[known].sum()), known)
+    for _ in range(_MAX_ITERATIONS):
+        residuals, slopes = (each[known] for each in model.residuals(parameters, motion))
+        columns = slopes[..., free].reshape(-1, free.sum())
+        step = -_inverse_information(columns) @ (columns.T @ residuals.ravel())
+        parameters[free] += step
+        if np.abs(step).max() < _TOLERANCE:
+            break
+    squares = model.residuals(parameters, motion)[0][known] ** 2
+    return Fit(parameters, float(squares.sum() / model.velocities.targets[known].sum()), known)
 
 
 def fit(model: CalibrationModel, low: float, high: float) -> Fit:
@@ -159,7 +168,7 @@ def fit(model: CalibrationModel, low: float, high: float) -> Fit:
 
 def agreeing(model: CalibrationModel, found: Fit) -> NDArray[np.bool_]:
     """Mask (n,) of scans that deviate by at most five times the median of their sensor."""
-    residuals = model.residuals(found.parameters, model.motion(found.parameters[0]))
+    residuals, _ = model.residuals(found.parameters, model.motion(found.parameters[0]))
     deviation = np.linalg.norm(residuals[:, :2], axis=1)
     agree = np.zeros(len(deviation), dtype=np.bool_)
     for s in range(len(model.references)):
@@ -173,33 +182,35 @@ def covariance(model: CalibrationModel, found: Fit) -> tuple[Array, float]:
 
     It is never less than for independent targets.
     """
-
-    def residuals(change: Array) -> Array:
-        moved = found.parameters + change
-        return model.residuals(moved, model.motion(moved[0]))[found.known]
-
-    size = np.full(len(model.free), _LARGER)
-    size[0] = _LATER
-    slopes = np.stack(
-        [(residuals(s) - residuals(-s)) / (2.0 * s.sum()) for s in np.diag(size)[model.free]], -1
+    motions = [model.motion(found.parameters[0] + late) for late in (0.0, _LATER, -_LATER)]
+    (residuals, slopes), (later, _), (earlier, _) = (
+        model.residuals(found.parameters, each) for each in motions
     )
-    slopes = np.nan_to_num(slopes)  # at the edges of a reference
+    slopes[..., 0] = np.nan_to_num((later - earlier) / (2.0 * _LATER))  # edges of a reference
+    slopes = slopes[found.known][..., model.free]
     columns = slopes.reshape(-1, slopes.shape[-1])
-    scale = np.linalg.norm(columns, axis=0)
-    units = np.outer(*2 * [np.where(scale > 0.0, scale, 1.0)])
-    inverse = np.linalg.inv(columns.T @ columns / units + _RIDGE * np.eye(len(scale))) / units
-    influences = -np.einsum("kia,ki->ka", slopes, residuals(0.0 * size)) @ inverse
+    inverse = _inverse_information(columns)
+    influences = -np.einsum("kia,ki->ka", slopes, residuals[found.known]) @ inverse
     # sums over successive intervals, each as long as the usual one between scans of a sensor
     times, sensor = model.velocities.time[found.known], model.velocities.sensor[found.known]
     order = np.lexsort([times, sensor])
     interval = float(np.median(np.diff(times[order])[np.diff(sensor[order]) == 0]))
     _, row = np.unique(np.floor((times - times.min()) / interval), return_inverse=True)
-    series = np.zeros((row.max() + 1, len(scale)))
+    series = np.zeros((row.max() + 1, len(inverse)))
     np.add.at(series, row, influences)
-    of_each_sensor = len(scale) - (len(model.references) - 1)
+    of_each_sensor = len(inverse) - (len(model.references) - 1)
     sandwich, block = covariance_of_sum(series, parameters=of_each_sensor)
     least = found.mean_square * np.diag(inverse)
     placed = np.full((len(model.free), len(model.free)), np.nan)
     added = np.diag(np.maximum(least - np.diag(sandwich), 0.0))
     placed[np.ix_(model.free, model.free)] = sandwich + added
     return placed, block * interval
+
+
+def _inverse_information(columns: Array) -> Array:
+    """The inverse (P, P) of the information of residuals with these slopes (m, P)."""
+    scale = np.linalg.norm(columns, axis=0)
+    scale[scale == 0.0] = 1.0
+    units = np.outer(scale, scale)
+    ridge = _RIDGE * np.eye(len(scale))
+    return np.asarray(np.linalg.inv(columns.T @ columns / units + ridge) / units)
