@@ -213,7 +213,7 @@ labs.define(
           "p",
           {},
           html("strong", {}, `${agree} of ${now.length} targets`),
-          ` agree with the velocity that you steer. With ${share} % the mover is an inlier.`,
+          ` agree with the velocity that you steer. The mover is an inlier with a probability of ${share} %.`,
         ),
         html(
           "p",

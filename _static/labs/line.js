@@ -125,7 +125,7 @@ labs.define(
       sets.rule("y", ROW, "lab-outline");
       sets.rule("y", 0, "lab-outline");
       sets.text(-7.8, 1.92, "previous scan F");
-      sets.text(-7.8, 0.4, "current scan M, moved by tₓ");
+      sets.text(-7.8, 0.4, sets.w > 400 ? "current scan M, moved by tₓ" : "M + tₓ");
     }
 
     // ---- The cost over the translation ----------------------------------------------------------------------------------------

@@ -53,8 +53,8 @@ labs.define(
     });
     const error = lab.plot({
       label: "Error of the registration in rotation and y with its 3-sigma ellipse",
-      xlabel: "error of the rotation (°)",
-      ylabel: "in y (m)",
+      xlabel: "rotation (°)",
+      ylabel: "y (m)",
       shape: 0.5,
       narrow: 0.56,
     });

@@ -43,8 +43,8 @@ labs.define(
     });
     const map = lab.plot({
       label: "The cost over the translation",
-      xlabel: "off the truth in x (m)",
-      ylabel: "off the truth in y (m)",
+      xlabel: "off the truth, in x (m)",
+      ylabel: "off in y (m)",
       shape: 0.9,
       narrow: 0.42,
       equal: true,
