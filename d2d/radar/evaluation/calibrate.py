@@ -93,15 +93,13 @@ class Calibration:
         return Reference(reference.times, theta, moved.poses)
 
     def __str__(self) -> str:
-        sensors = range(1, len(self.yaw) + 1)
-        rows = {
-            "lag": "s",
-            "speed factor": "",
-            "ahead of the rear axle": "m",
+        yaws = [f"yaw of sensor {s + 1} of {len(self.yaw)}" for s in range(len(self.yaw))]
+        rows = {"lag": "s", "speed factor": "", "ahead of the rear axle": "m"}
+        rows |= {
             "compliance": "s^2/m",
+            **dict.fromkeys(yaws, "deg"),
+            "bias of the yaw rate": "deg/s",
         }
-        rows |= {f"yaw of sensor {s} of {len(self.yaw)}": "deg" for s in sensors}
-        rows |= {"bias of the yaw rate": "deg/s"}
         units = [np.rad2deg(1.0) if text.startswith("deg") else 1.0 for text in rows.values()]
         numbers = zip(rows.items(), units * self.values, units * self.sigmas, strict=True)
         lines = [
@@ -207,39 +205,30 @@ def calibrate(
 def _check(found: Fit, bound: float = np.inf, margin: float = np.nan) -> None:
     """Raise a ValueError if a fit cannot be true; without a margin (m), by its residuals."""
     (lag, speed, ahead, _, *yaw, _), rms = found.parameters, np.sqrt(found.mean_square)
-    hint = "are they in km/h" if speed > -1.0 else "is a radar mounted backwards"
-    refusals = [
-        (
-            not rms < _UNEXPLAINED,
+    said = ""
+    if not rms < _UNEXPLAINED:
+        said = (
             f"Doppler velocities that their sigmas explain, but residuals are {rms:.1f} standard "
             "deviations; are sigma_doppler and sigma_azimuth too small, or is the reference that "
-            f"of another drive or clock (best lag {lag:+.2f} s)?",
-        ),
-        (
-            abs(lag) > bound - _AT_BOUND,
-            f"clocks that differ by less than max_lag, but the best lag, {lag:+.3f} s, is at the "
-            "bound of the search; is the reference that of another drive?",
-        ),
-        (
-            not _FACTORS[0] < 1.0 + speed < _FACTORS[1],
-            "a reference with speeds in m/s, but they would have to be multiplied by "
-            f"{1.0 + speed:.3f}; {hint}?",
-        ),
-        (
-            not _PLACES[0] - margin < ahead < _PLACES[1] + margin,
-            f"mountings relative to an origin near the rear axle, but it would be {ahead:.1f} m "
-            "ahead of it; does the reference's yaw rate count clockwise?",
-        ),
-        (
-            max(map(abs, yaw)) > np.pi,
-            f"mountings near their places, but one is turned by {np.rad2deg(max(yaw)):.0f} deg",
-        ),
-    ]
-    for wrong, said in refusals[
-        : 1 if np.isnan(margin) else None
-    ]:  # others once all are determined
-        if wrong:
-            raise ValueError(f"recordings must have {said}")
+            f"of another drive or clock (best lag {lag:+.2f} s)?"
+        )
+    elif np.isnan(margin):
+        return
+    elif abs(lag) > bound - _AT_BOUND:
+        said = (
+            f"clocks within max_lag, but the best lag, {lag:+.3f} s, is at the bound of the search"
+        )
+    elif not _FACTORS[0] < 1.0 + speed < _FACTORS[1]:
+        hint = "are they in km/h" if speed > -1.0 else "is a radar mounted backwards"
+        said = f"speeds in m/s, but the reference's have a factor of {1.0 + speed:.3f}; {hint}?"
+    elif not _PLACES[0] - margin < ahead < _PLACES[1] + margin:
+        said = (
+            f"the rear axle near the origin, not {ahead:.1f} m behind; is the yaw rate clockwise?"
+        )
+    elif max(map(abs, yaw)) > np.pi:
+        said = f"mountings near their places, not turned by {np.rad2deg(max(yaw)):.0f} deg"
+    if said:
+        raise ValueError(f"recordings must have {said}")
 
 
 def _logs(recordings: Recording | Iterable[Recording | SensorLog]) -> list[SensorLog]:

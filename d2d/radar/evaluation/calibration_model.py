@@ -1,8 +1,4 @@
-"""The clock, speed, slip and mounting angles with which a reference fits Doppler velocities best.
-
-The Doppler velocities of a scan's static targets depend on the velocity u of their sensor alone,
-and the sum of their squared residuals, a quadratic function of u, is all that a fit needs to know.
-"""
+"""Clock, speed, slip and mountings with which a reference fits Doppler velocities best."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -148,10 +144,7 @@ def fit_at(model: CalibrationModel, lag: float) -> Fit:
 
 
 def fit(model: CalibrationModel, low: float, high: float) -> Fit:
-    """The best parameters at the best lag from ``low`` to ``high`` (s), the bounds included.
-
-    A lag that is not free stays at its start.
-    """
+    """The best parameters at the best lag from ``low`` to ``high`` (s), or at one that is held."""
     if not model.free[0]:
         return fit_at(model, float(model.start[0]))
     grid = np.linspace(low, high, max(2, round((high - low) / _STEP)) + 1)
@@ -178,10 +171,7 @@ def agreeing(model: CalibrationModel, found: Fit) -> NDArray[np.bool_]:
 
 
 def covariance(model: CalibrationModel, found: Fit) -> tuple[Array, float]:
-    """Covariance (P, P) of the parameters, nan if held, and the length of its blocks in s.
-
-    It is never less than for independent targets.
-    """
+    """Covariance (P, P) of the parameters, nan if held, and the length of its blocks in s."""
     motions = [model.motion(found.parameters[0] + late) for late in (0.0, _LATER, -_LATER)]
     (residuals, slopes), (later, _), (earlier, _) = (
         model.residuals(found.parameters, each) for each in motions
@@ -200,7 +190,7 @@ def covariance(model: CalibrationModel, found: Fit) -> tuple[Array, float]:
     np.add.at(series, row, influences)
     of_each_sensor = len(inverse) - (len(model.references) - 1)
     sandwich, block = covariance_of_sum(series, parameters=of_each_sensor)
-    least = found.mean_square * np.diag(inverse)
+    least = found.mean_square * np.diag(inverse)  # of independent targets
     placed = np.full((len(model.free), len(model.free)), np.nan)
     added = np.diag(np.maximum(least - np.diag(sandwich), 0.0))
     placed[np.ix_(model.free, model.free)] = sandwich + added

@@ -69,10 +69,7 @@ class Comparison(Frozen):
 
     @classmethod
     def from_errors(cls, track: Track, errors: Array, covariances: Array | None = None) -> Self:
-        """The comparison of a track with these errors (n, 3), nan where they are not known.
-
-        Their covariances (n, 3, 3) are by default those of the track.
-        """
+        """The comparison of a track with errors (n, 3), nan if not known, and their covariances."""
         finite = np.isfinite(errors)
         known = finite.any(axis=0)
         good = track.converged & finite[:, known].all(axis=-1) & known.any()
@@ -124,10 +121,7 @@ class Comparison(Frozen):
         return block_length(np.column_stack([self._judged[1], squares]))
 
     def intervals(self, confidence: float = 0.95) -> Measures:
-        """Lower and upper bounds of all measures, by the block bootstrap `d2d.block_bootstrap`.
-
-        The seed is fixed, so that a comparison always prints the same.
-        """
+        """Lower and upper bounds of all measures, by `d2d.block_bootstrap` with a fixed seed."""
 
         def bounds(terms: Array) -> Array:
             data, rng = [terms], np.random.default_rng(0)

@@ -132,11 +132,9 @@ def likelier_without(
 
 
 def _is_clear(gains: Array) -> bool:
-    """Whether nats (n,) of single intervals together speak for a fault.
-
-    It may show in some of them only, so that chance is judged by what speaks against it.
-    """
+    """Whether nats (n,) of single intervals together speak for a fault."""
     clipped = np.clip(gains, -_MOST, _MOST)
+    # it may show in some of them only, so that chance is judged by what speaks against it
     chance = math.sqrt(2.0 * float((np.minimum(clipped, 0.0) ** 2).sum()))
     return bool(clipped.sum() > max(_TELLING, _SIGMAS * chance))
 

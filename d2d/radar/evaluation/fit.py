@@ -43,12 +43,6 @@ class BudgetFit:
         """The numbers (p,)."""
         return np.array([getattr(self.budget, name) for name in self.names])
 
-    def __repr__(self) -> str:
-        """The numbers with their intervals."""
-        rows = zip(self.names, self.values, *self.bounds, strict=True)
-        parts = ["{} {:.3g} [{:.3g}, {:.3g}]".format(*row) for row in rows]
-        return f"BudgetFit({', '.join(parts)}; {self.estimates} estimates)"
-
 
 def fit_budget(
     errors: ArrayLike, covariances: ArrayLike, effects: Mapping[str, ArrayLike] | None = None
@@ -163,10 +157,7 @@ class _Model(NamedTuple):
         return cls(errors, scale[:, None, None, None] * effects, scale, starts)
 
     def at(self, relative: Array) -> tuple[Array, Array, Array]:
-        """Log scores (n,) with these u (p,) but for what is constant, and their slopes (n, p).
-
-        With them come the inverses (n, 3, 3) of the covariances.
-        """
+        """Log scores (n,) but for a constant, slopes (n, p), inverse covariances (n, 3, 3)."""
         covariances = np.eye(3) + np.einsum("p,pnij->nij", relative, self.effects)
         precisions = np.asarray(np.linalg.inv(covariances), np.float64)
         weighted = np.einsum("nij,nj->ni", precisions, self.errors)

@@ -141,11 +141,7 @@ def latest(motions: Mapping[str, SensorMotion]) -> tuple[str, float, float]:
 
 
 def _lag(own: SensorMotion, other: SensorMotion) -> tuple[float, float]:
-    """The most likely lag of a sensor beside another in s, and the nats that it gains.
-
-    Both show one velocity then, but for the angle of a mounting.  It must be likelier than zero,
-    and than any that is a second away: a velocity may be periodic.
-    """
+    """The most likely lag of a sensor beside another in s, and the nats that it gains."""
     if min(len(own.times), len(other.times)) < SEEN:
         return 0.0, 0.0
     begin = max(own.times[0], other.times[0]) - _LAGS
@@ -166,6 +162,7 @@ def _lag(own: SensorMotion, other: SensorMotion) -> tuple[float, float]:
     shared, *sums = (scipy.signal.correlate(*pair)[there] for pair in pairs)
     shared = np.round(shared)
     of_own, of_other, product, middle = sums / np.maximum(shared, 1.0)
+    # at the right lag both show one velocity, but for the angle of a mounting
     left = (of_own + of_other).real - 2.0 * np.abs(product)
     explained = left < (1.0 - _EXPLAINED) * (of_own.real - np.abs(middle) ** 2)
     known = (_LAG_STEP * shared >= _OVERLAP) & (explained | (lags == 0.0))
@@ -175,7 +172,7 @@ def _lag(own: SensorMotion, other: SensorMotion) -> tuple[float, float]:
     rest = np.maximum(np.where(known, left, left[count]), noise)
     gains = _LAG_STEP * shared / _LASTING * np.log(rest[count] / rest)
     best = int(gains.argmax())
-    elsewhere = gains[np.abs(lags - lags[best]) > _LASTING].max(initial=0.0)
+    elsewhere = gains[np.abs(lags - lags[best]) > _LASTING].max(initial=0.0)  # if it is periodic
     return float(lags[best]), float(gains[best] - elsewhere)
 
 
@@ -196,10 +193,7 @@ def residuals_of(sensor: SensorScans, driven: Track) -> tuple[Array, Array]:
 
 
 def distortion(sensor: SensorScans, driven: Track) -> tuple[float, float, float] | None:
-    """The azimuths (rad) between which Doppler velocities are those of one motion, if not all are.
-
-    With the largest deviation (m/s) beyond them.
-    """
+    """Azimuths (rad) between which residuals are small, and the largest (m/s); None if all are."""
     azimuth, residual = residuals_of(sensor, driven)
     bins = min(_BINS, len(azimuth) // _IN_BIN)
     if bins < 6:
