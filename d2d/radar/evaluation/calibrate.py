@@ -72,20 +72,13 @@ class Calibration:
 
     @property
     def azimuth(self) -> Array:
-        """Standard deviations (S,) in rad of the sensors' directions over a block.
-
-        Those of ``yaw`` are of the mean over all blocks.  If a block is longer than a second, this
-        is a slow error, as `ErrorBudget.azimuth`.
-        """
+        """Standard deviations (S,) in rad of the sensors' directions over a block."""
         return np.asarray(
             self.sigmas[_BIAS - len(self.yaw) : _BIAS] * np.sqrt(self.duration / self.block)
         )
 
     def reference(self, reference: Reference) -> Reference:
-        """The reference as the radars see it, at its times; nan where shifted times leave it.
-
-        Lag, factor and bias are applied, and v_y is given by the slip law.  The poses are shifted.
-        """
+        """The reference as the radars see it, poses included; nan where shifted times leave it."""
         check_instance("reference", reference, Reference)
         moved = reference.at(reference.times - self.lag)
         v_x, omega = self.speed_factor * moved.theta[:, 0], moved.theta[:, 2] - self.bias

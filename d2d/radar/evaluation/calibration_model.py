@@ -93,10 +93,7 @@ class CalibrationModel:
         return np.concatenate(parts, axis=1)
 
     def residuals(self, parameters: Array, motion: Array) -> tuple[Array, Array]:
-        """Residuals (n, 3) of the scans over their standard deviations in a motion of `motion`.
-
-        With them come their slopes (n, 3, P), zero for the lag.
-        """
+        """Residuals (n, 3) over sigma in a `motion`, and slopes (n, 3, P), zero for the lag."""
         (v, rate), (sensor, place, _, triangle, _) = motion, self.velocities
         slip, yaw = np.split(parameters[2:-1], [len(self.powers)])
         turn, omega = np.exp(-1.0j * yaw[sensor]), rate - parameters[-1]

@@ -235,11 +235,7 @@ def compare(track: Track, reference: Reference) -> Comparison:
 
 
 def check_reference(track: Track, reference: Reference) -> None:
-    """Raise a ValueError if a reference has surely another clock, unit or sign than the track.
-
-    By linear regression, the track's speed or yaw rate is then a multiple of it, or its value at
-    another time.
-    """
+    """Raise a ValueError if a reference has surely another clock, unit or sign than the track."""
     times, theta = track.times[track.converged], track.theta[track.converged]
 
     def both(axis: int, lag: float = 0.0) -> tuple[Array, Array]:

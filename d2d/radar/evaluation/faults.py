@@ -180,6 +180,7 @@ def _scaled(symptom: str, sensor: str = "", **factors: float) -> Fault:
         return replace(scan, **changes)
 
     powers = {"range": 2.0}  # positions have a density per area
+    # the logarithm of the factor between the units of a target's density
     volume = sum(powers.get(name, 1.0) * math.log(abs(by)) for name, by in factors.items())
     return _changed(symptom, sensor, scaled, volume)
 
@@ -187,10 +188,7 @@ def _scaled(symptom: str, sensor: str = "", **factors: float) -> Fault:
 def _changed(
     symptom: str, sensor: str, change: Callable[[RadarScan], RadarScan], volume: float = 0.0
 ) -> Fault:
-    """The fault that is undone by a change of each scan of a sensor, or of all.
-
-    The ``volume`` is the logarithm of the factor between the units of a target's densities.
-    """
+    """The fault that is undone by a change of each scan of a sensor, or of all."""
 
     def undone(name: str, pair: ScanPair) -> ScanPair:
         if sensor not in ("", name):

@@ -66,10 +66,7 @@ class SensorMotion(NamedTuple):
 
     @property
     def heading(self) -> tuple[float, float]:
-        """The direction in which the vehicle's origin drives, and its standard deviation, in rad.
-
-        Zero if the mounting is right.  A lever arm c that is not known adds c omega / v in bends.
-        """
+        """The direction in which the vehicle's origin drives, and its standard deviation (rad)."""
         origin, speed = self.origin, np.hypot(*self.origin.T)
         fast, guessed = speed > _KNOWN * self.sigma, bool(np.isnan(self.tracked).all())
         if not guessed:  # what follows traffic shows another speed
@@ -78,6 +75,7 @@ class SensorMotion(NamedTuple):
         if fast.sum() < SEEN:
             return np.nan, np.nan
         lever = np.hypot(_LEVER[0], _LEVER[1] * np.hypot(self.mounting.x, self.mounting.y))
+        # a lever arm c that is not known adds c omega / v in bends
         by_lever = lever * np.nan_to_num(self.tracked[fast, 2]) / speed[fast]
         sigma = np.hypot(self.sigma[fast] / speed[fast], by_lever)
         angle = np.arctan2(origin[fast, 1], origin[fast, 0])
@@ -100,10 +98,7 @@ def wrapped(angle: Any) -> Any:
 
 
 def range_rates_agree(scans: Sequence[RadarScan]) -> float:
-    """The share of targets whose ranges change as their Doppler velocities say; nan if too few.
-
-    Only those count that move farther than the noise of their ranges until a scan some time later.
-    """
+    """The share of targets whose ranges change as their Doppler velocities say; nan if too few."""
     times = np.array([scan.time for scan in scans])
     usual = float(np.median(np.diff(times))) if len(times) > 1 else 1.0
     apart = max(1, round(_WAITED / max(usual, 1e-3)))
@@ -119,6 +114,7 @@ def range_rates_agree(scans: Sequence[RadarScan]) -> float:
         reach = 3.0 * first.sigma_azimuth[:, None] + _DRIFT
         alike = np.abs(second.doppler - first.doppler[:, None]) < _CHANGED * passed
         matched = ((off < 2.0) & (beside < reach) & alike).any(axis=1)
+        # of those that have moved farther than the noise of their ranges
         agreed.append(matched[np.abs(first.doppler) * passed > 3.0 * sigma])
     every = np.concatenate([[], *agreed])
     return float(every.mean()) if len(every) > 2 * _IN_BIN else np.nan
