@@ -27,15 +27,15 @@ REPOSITORY = PACKAGE.parent
 # The most lines that each room may have, and how many it is meant to come down to.  A number is
 # only lowered; a new feature says what leaves.
 ROOMS = {
-    "d2d/*.py": (2936, 2700),
+    "d2d/*.py": (2932, 2700),
     "d2d/_kernel/**/*.py": (2910, 2900),
     "d2d/baselines/**/*.py": (397, 400),
-    "d2d/radar/**/*.py": (9467, 8300),
-    "d2d/study/**/*.py": (11_207, 10_400),
-    "benchmarks/**/*.py": (1652, 1700),
-    "tests/**/*.py": (18_689, 18_000),
-    "_static/labs/**/*.js": (5955, 6000),
-    "_static/**/*.css": (800, 800),
+    "d2d/radar/**/*.py": (8404, 8300),
+    "d2d/study/**/*.py": (10_836, 10_400),
+    "benchmarks/**/*.py": (1648, 1700),
+    "tests/**/*.py": (18_222, 18_000),
+    "_static/labs/**/*.js": (5892, 6000),
+    "_static/**/*.css": (798, 800),
     "_static/*.js": (100, 100),
     "tools/**/*.py": (872, 800),
 }
