@@ -293,7 +293,7 @@
           share = 1 - failed.length / rows.length,
           supported = tracker.supportOf(rows),
           looks = supported < 1 / 3 ? "bad" : supported > 0.9 && !shown.doubts.length ? "good" : "fair",
-          words = { good: "Nothing speaks against this track.", fair: "Look twice at this track.", bad: "Do not use this track." },
+          words = { good: "The path looks right; are the σ?", fair: "Look twice at this path.", bad: "Do not use this path." },
           kinds = Map.groupBy(failed, ({ reason }) => reason.replace(/-?\d.*/, "")),
           reasons = [...kinds.values()]
             .sort((a, b) => b.length - a.length)

@@ -197,7 +197,6 @@ def velocity_ellipses(
         ax.autoscale_view()
         ax.set(xlabel=f"error of $v_x$ ({unit})", ylabel=f"error of $v_y$ ({unit})", title=name)
         ax.set_aspect("equal", adjustable="datalim")
-    label(axes[0], (-2.4, -1.2), "(b) fits\ninto the cross", BLACK, (0, 0))
 
 
 def rejected_kinds(ax: Axes, shares: Mapping[str, Mapping[str, float]]) -> None:

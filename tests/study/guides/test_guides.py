@@ -143,10 +143,10 @@ def test_a_bias_does_not_average_out():
     """Breaks if the error falls with the number of targets as the inverse Hessian does."""
     rows = small.bias_against_targets()
     first, last = rows.iloc[0], rows.iloc[-1]
-    assert last.targets > 4.0 * first.targets
-    assert last.stated < 0.5 * first.stated
-    assert last.rmse > 2.0 * last.stated
-    assert (rows.budgeted / rows.rmse).between(0.7, 1.1).all()
+    assert last["targets"] > 4.0 * first["targets"]
+    assert last["stated"] < 0.5 * first["stated"]
+    assert last["error"] > 2.0 * last["stated"]
+    assert (rows["budget stated"] / rows["budget error"]).between(0.85, 1.15).all()
 
 
 # ---- The project --------------------------------------------------------------------------------
