@@ -3,7 +3,7 @@
 import os
 import secrets
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import IO
 
@@ -29,19 +29,24 @@ def atomic_write(path: Path) -> Iterator[IO[bytes]]:
 def write_together(contents: Mapping[Path, bytes | None]) -> None:
     """Replace several files by contents that belong together; None removes a file.
 
-    The last file is removed first and written last: while it is there, all are those of one call,
-    whenever the program ends.
+    All are written beside their places first, so that nothing changes if one cannot be.  The last
+    file is removed first and comes last: while it is there, all are those of one call.
     """
-    targets = [_target(path) for path in contents]
-    for path, target in zip(contents, targets, strict=True):
-        if target.exists() and not target.is_file():
-            raise OSError(f"{path} is a folder or a device, and cannot be replaced by a file")
-    for target in reversed(targets):
-        target.unlink(missing_ok=True)
-    for target, content in zip(targets, contents.values(), strict=True):
-        if content is not None:
-            with atomic_write(target) as file:
-                file.write(content)
+    parts = {}
+    with ExitStack() as stack:
+        for path, content in contents.items():
+            target = _target(path)
+            if target.exists() and not target.is_file():
+                raise OSError(f"{path} is a folder or a device, and cannot be replaced by a file")
+            parts[target] = part = target.with_name(f".{secrets.token_hex(8)}.part")
+            stack.callback(part.unlink, missing_ok=True)
+            if content is not None:
+                part.write_bytes(content)
+        for target in reversed(parts):
+            target.unlink(missing_ok=True)
+        for target, part in parts.items():
+            if part.exists():
+                os.replace(part, target)
 
 
 def _target(path: Path) -> Path:

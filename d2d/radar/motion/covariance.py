@@ -7,7 +7,7 @@ targets share is the sum of their influences, times the error.
 """
 
 from collections.abc import Iterable, Sequence
-from typing import NamedTuple, Unpack
+from typing import Any, NamedTuple, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -81,7 +81,7 @@ class Influence(NamedTuple):
     covariances: Array  # (K, 2, 2) of the positions, as the cost has them
     sigma_azimuth: Array  # (K,)
     sigma_doppler: Array  # (K,)
-    starts: NDArray[np.int_]  # (2 P,) the first target of each scan
+    starts: NDArray[Any]  # (2 P,) the first target of each scan
 
 
 def influences(problem: Problem, bound: Bound, pairs: Sequence[ScanPair]) -> Influence:
@@ -121,10 +121,7 @@ def of_scans(found: Influence, pairs: Sequence[ScanPair]) -> Influence:
     which, sums = np.concatenate(places), [np.zeros_like(each) for each in found[:4]]
     for total, each in zip(sums, found[:4], strict=True):
         np.add.at(total, which, each)
-    position, azimuth, doppler, prediction = sums
-    return found._replace(
-        position=position, azimuth=azimuth, doppler=doppler, prediction=prediction
-    )
+    return found._replace(**dict(zip(found._fields, sums, strict=False)))
 
 
 def add_noise(own: Influence, shared_azimuth: bool, noise: Array) -> None:

@@ -110,9 +110,8 @@ class Mixture(NamedTuple):
         size = len(covariance)
         errors = np.zeros((2, size, size + cross.shape[1]))
         errors[1, :, :size], errors[1, :, size:] = covariance, cross
-        if self.transition is None:  # nothing but the slow errors is left
-            errors[0, :, size:] = cross
-        else:
+        errors[0, :, size:] = cross  # at the beginning, nothing but the slow errors is left
+        if self.transition is not None:
             errors[0] = self.transition
         return errors
 

@@ -107,9 +107,8 @@ class ScanGate:
 
     def _without_twins(self, sensor: int, scan: RadarScan) -> RadarScan:
         """The scan with one of each two equal targets, if half of them are there twice."""
-        # most scans: too few of their ranges are there twice
-        twice = scan.size - len(set(scan.range.tolist()))
-        if scan.size < _FEW or 2 * twice < scan.size - 1:
+        # most scans: more than half of their ranges differ
+        if scan.size < _FEW or 2 * len({*scan.range.tolist()}) > scan.size + 1:
             return scan
         measured = np.column_stack([getattr(scan, name) for name in MEASURED])
         first = np.unique(measured, axis=0, return_index=True)[1]
