@@ -23,6 +23,14 @@ ends = np.full(200, 200)
 add_dependence(position, covariances, means, ends, order, 2.0, np.empty((9, 200)), total)
 print(sum(add_dependence.stats.cache_hits.values()), total.tobytes().hex())
 """
+ESTIMATE = """
+import numpy as np
+from d2d import CorruptedGaussian, PointSet, RegistrationCost, propagate_covariance, register
+sets = [PointSet([[8.0, 1.0], [5.0, x]], [0.04 * np.eye(2)] * 2) for x in (-3.0, -2.9)]
+cost = RegistrationCost(outlier=CorruptedGaussian(0.2, 100.0 * np.eye(2)))
+estimate = register(*sets, cost)
+print(estimate.theta, estimate.covariance, propagate_covariance(estimate, *sets, cost))
+"""
 
 
 @pytest.fixture
@@ -86,3 +94,9 @@ def test_what_is_compiled_is_kept_until_a_module_changes(folder: Path) -> None:
     with (folder / "d2d" / "_kernel" / "pairs.py").open("a", encoding="utf-8") as file:
         file.write("# an edit\n")
     assert weighed()[0] == "0"
+
+
+def test_the_kernel_runs_as_python() -> None:
+    """Breaks if NUMBA_DISABLE_JIT=1, with which a debugger steps through it, is an error."""
+    compiled, stepped = (run(ESTIMATE, ROOT, NUMBA_DISABLE_JIT=disabled) for disabled in "01")
+    assert compiled[0] == stepped[0]

@@ -1,14 +1,18 @@
-"""The wheel and the source archive, built and installed as a user would."""
+"""The wheel and the source archive, built and installed as a user would, and what they need."""
 
 import os
+import re
 import shutil
 import subprocess
 import sys
 import tarfile
+import tomllib
 import zipfile
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
+from packaging.version import Version
 
 ROOT = Path(__file__).resolve().parents[1]
 # Two functions are all that `python -m build --no-isolation` calls.
@@ -85,3 +89,27 @@ def test_the_installed_wheel_works_without_the_repository(
     assert int(count) > 100
     said = run(away, "-m", "d2d.radar", "--help", PYTHONPATH=str(site))
     assert "log.csv" in said
+
+
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+DECLARED = [
+    Requirement(line)
+    for line in (
+        *PROJECT["dependencies"],
+        *PROJECT["optional-dependencies"]["study"],
+        *PROJECT["optional-dependencies"]["track"],
+        *PROJECT["optional-dependencies"]["radarscenes"],
+    )
+]
+PINS = dict(
+    re.findall(
+        r"^([\w-]+)==([\w.]+)", (ROOT / "requirements.txt").read_text(encoding="utf-8"), re.M
+    )
+)
+
+
+def test_the_pins_lie_within_the_declared_bounds() -> None:
+    """Breaks if the book is built with a version that pip would not install beside the package."""
+    for requirement in DECLARED:
+        assert Version(PINS[requirement.name]) in requirement.specifier, requirement
+        assert [each.operator for each in requirement.specifier] == [">="], requirement

@@ -1,9 +1,37 @@
 """The compiled kernel: what it leaves out as too far away, and what lies far away."""
 
+from dataclasses import replace
+
 import numpy as np
+import pytest
 from numpy.testing import assert_allclose
 
-from d2d import CorruptedGaussian, PointSet, RegistrationCost, rigid
+from d2d import CorruptedGaussian, PointSet, RegistrationCost, UniformOutlier, rigid
+from d2d._kernel import layout
+
+# ---- Outlier models ---------------------------------------------------------------------------
+
+
+def test_an_outlier_component_that_is_not_known_is_refused():
+    """Breaks if a new density that one pass does not know counts as none there: the estimate is
+    right, but its propagated covariance is that of another cost."""
+    theta = np.array([0.1, -0.1, 0.01])
+    points = PointSet([[8.0, 1.0], [5.0, -3.0]], [0.04 * np.eye(2)] * 2)
+    problem = RegistrationCost(outlier=UniformOutlier(0.1)).problem(points, points)
+    outlier = problem.form.outlier.copy()
+    outlier[layout.KIND] = 17
+    unknown = replace(problem, form=problem.form._replace(outlier=outlier))
+    bound = unknown.bind(theta)
+    for use in (
+        unknown.derivatives,
+        unknown.inlier_shares,
+        lambda b: unknown.cross_derivatives(b, 0, 1),
+    ):
+        with pytest.raises(ValueError, match="does not know this kind of outlier"):
+            use(bound)
+
+
+# ---- Far away ---------------------------------------------------------------------------------
 
 
 def test_an_elongated_component_far_away_still_pulls():

@@ -2,8 +2,8 @@
 
 import os
 import secrets
-from collections.abc import Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import IO
 
@@ -27,26 +27,28 @@ def atomic_write(path: Path) -> Iterator[IO[bytes]]:
 
 
 def write_together(contents: Mapping[Path, bytes | None]) -> None:
-    """Replace several files by contents that belong together; None removes a file.
+    """Replace several files of one folder by contents that belong together; None removes a file.
 
-    All are written beside their places first, so that nothing changes if one cannot be.  The last
-    file is removed first and comes last: while it is there, all are those of one call.
+    The last file is removed first and written last: while it is there, all are those of one call,
+    whenever the program ends.  Nothing changes if one cannot be written.  Two writers wait for each
+    other.
     """
-    parts = {}
-    with ExitStack() as stack:
-        for path, content in contents.items():
-            target = _target(path)
-            if target.exists() and not target.is_file():
-                raise OSError(f"{path} is a folder or a device, and cannot be replaced by a file")
-            parts[target] = part = target.with_name(f".{secrets.token_hex(8)}.part")
-            stack.callback(part.unlink, missing_ok=True)
-            if content is not None:
-                part.write_bytes(content)
-        for target in reversed(parts):
+    targets = {path: _target(path) for path in contents}
+    for path, target in targets.items():
+        if target.exists() and not target.is_file():
+            raise OSError(f"{path} is a folder or a device, and cannot be replaced by a file")
+    if len(set(targets.values())) < len(targets):
+        raise OSError(f"{', '.join(map(str, targets))} must be different files, but two are links")
+    with _locked(next(iter(targets.values())).parent), ExitStack() as stack:
+        places = [
+            stack.enter_context(_aside(targets[path], content))
+            for path, content in contents.items()
+            if content is not None
+        ]
+        for target in reversed(targets.values()):
             target.unlink(missing_ok=True)
-        for target, part in parts.items():
-            if part.exists():
-                os.replace(part, target)
+        for place in places:
+            place()
 
 
 def _target(path: Path) -> Path:
@@ -55,3 +57,39 @@ def _target(path: Path) -> Path:
     if not target.parent.is_dir():
         raise FileNotFoundError(f"{path} cannot be written: {target.parent} does not exist")
     return target
+
+
+@contextmanager
+def _locked(folder: Path) -> Iterator[None]:
+    """Wait until no other process writes files together in a folder."""
+    with ExitStack() as stack:
+        with suppress(ImportError, OSError):  # not on Windows, nor in all network folders
+            import fcntl
+
+            descriptor = os.open(folder, os.O_RDONLY)
+            stack.callback(os.close, descriptor)  # which unlocks it
+            fcntl.flock(descriptor, fcntl.LOCK_EX)
+        yield
+
+
+@contextmanager
+def _aside(target: Path, content: bytes) -> Iterator[Callable[[], None]]:
+    """Write a file without a name, which leaves nothing behind; yields what gives it its name.
+
+    Where the system has no such files, it is written beside its place.
+    """
+    try:
+        descriptor = os.open(target.parent, os.O_TMPFILE | os.O_WRONLY, 0o666)
+    except (AttributeError, OSError):
+        part = target.with_name(f".{target.name}.part")
+        try:
+            part.write_bytes(content)
+            yield lambda: os.replace(part, target)
+        finally:
+            part.unlink(missing_ok=True)
+    else:
+        with open(descriptor, "wb") as file:
+            file.write(content)
+            file.flush()
+            link = f"/proc/self/fd/{descriptor}"
+            yield lambda: os.link(link, target, src_dir_fd=descriptor, follow_symlinks=True)

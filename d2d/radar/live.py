@@ -64,6 +64,8 @@ def _add(
     if not isinstance(entry, dict):
         raise ValueError(f"a scan must be an object of JSON, but is {line.strip()[:40]}")
     if "time" in entry:
+        if isinstance(entry["time"], bool):
+            raise ValueError(f"time must be a number, but is {json.dumps(entry['time'])}")
         _TIME.number("time", entry["time"])
     if "yaw_rate" in entry:
         tracker.add_gyro(*(np.atleast_1d(entry[name]) for name in ("time", "yaw_rate")))

@@ -7,7 +7,8 @@ without a complaint. Each check returns what it found.
 
 import re
 from base64 import b64decode
-from collections.abc import Callable, Iterator
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator
 from functools import cache
 from io import BytesIO
 from pathlib import Path
@@ -21,6 +22,7 @@ from PIL import Image
 CHAPTERS = Path(__file__).resolve().parents[2] / "chapters"
 NOTEBOOKS = sorted(CHAPTERS.glob("*.ipynb"))
 
+MAX_LINES = 30
 WARNING = re.compile(r"\b[A-Z]\w*Warning\b")
 MACHINE_PATH = re.compile(r"(?<![\w.:/])(/(home|root|Users|work|tmp|var|mnt)/|[A-Z]:\\Users\\)")
 ANSI = re.compile(r"\x1b\[[0-9;]*m")
@@ -75,6 +77,23 @@ def unwanted(notebook: NotebookNode) -> list[str]:
     ]
 
 
+def repeated_ids(notebook: NotebookNode) -> list[str]:
+    """Find cells without an id of their own."""
+    counts = Counter(cell.get("id") for cell in notebook.cells)
+    return [
+        f"id {name!r} on {count} cells" for name, count in counts.items() if count > 1 or not name
+    ]
+
+
+def long_cells(notebook: NotebookNode) -> list[str]:
+    """Find code cells that should be functions in d2d."""
+    return [
+        f"{name}: {lines} lines, at most {MAX_LINES}"
+        for name, cell in code_cells(notebook)
+        if (lines := len(cell.source.splitlines())) > MAX_LINES
+    ]
+
+
 def figures(notebook: NotebookNode) -> Iterator[tuple[str, NotebookNode, NotebookNode]]:
     """Yield (a name to report, the cell, its mystnb metadata) of every figure cell."""
     for name, cell in code_cells(notebook):
@@ -122,10 +141,20 @@ def badly_drawn(output: NotebookNode) -> Iterator[str]:
         yield "something touches the edge of the picture, and may be cut off"
 
 
+def repeated_figures(notebooks: Iterable[NotebookNode]) -> list[str]:
+    """Find figure names that occur more than once in the book."""
+    counts = Counter(
+        options.figure.get("name") for notebook in notebooks for _, _, options in figures(notebook)
+    )
+    return [f"{name} on {count} cells" for name, count in counts.items() if count > 1]
+
+
 CHECKS: tuple[Check, ...] = (
     unexecuted,
     complaints,
     unwanted,
+    repeated_ids,
+    long_cells,
     faulty_figures,
 )
 
@@ -150,3 +179,7 @@ def test_notebook(path: Path):
     if path.stem[0].isdigit():
         number = path.stem.split("_")[0].lstrip("0")
         assert notebook.cells[0].source.startswith(f"# {number} · ")
+
+
+def test_figure_names_are_unique_across_the_book():
+    assert repeated_figures(map(load, NOTEBOOKS)) == []

@@ -27,6 +27,11 @@ def shown(path: Path) -> str:
     )
 
 
+def test_the_course_has_at_most_fifteen_pages_and_the_book_twenty_five_notebooks():
+    assert 10 < len(COURSE) <= 15
+    assert len(list(CHAPTERS.glob("*.ipynb"))) <= 25
+
+
 @pytest.fixture(scope="module")
 def fresh() -> Iterator[ProcessPoolExecutor]:
     """A new process for each call, in which no more than the packages is imported."""

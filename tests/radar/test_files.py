@@ -2,6 +2,9 @@
 
 import itertools
 import os
+import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -23,11 +26,14 @@ class Stop(BaseException):
     """Ends a program at a call."""
 
 
-CALLS = ("unlink", "replace")
+CALLS = ("open", "link", "unlink", "replace")
 
 
-def test_an_end_at_any_call_leaves_no_mixture(tmp_path, monkeypatch):
+@pytest.mark.parametrize("unnamed", [True, False], ids=["unnamed", "named"])
+def test_an_end_at_any_call_leaves_no_mixture(tmp_path, monkeypatch, unnamed):
     """Breaks if a program that ends between two calls leaves files of two runs, or hidden ones."""
+    if not unnamed:
+        monkeypatch.delattr(os, "O_TMPFILE", raising=False)
     for stop in itertools.count():
         folder = tmp_path / str(stop)
         folder.mkdir()
@@ -58,7 +64,7 @@ def test_an_end_at_any_call_leaves_no_mixture(tmp_path, monkeypatch):
         if ended:
             assert set(left.values()) == {"new"}
             break
-    assert stop >= 2 * len(NAMES)
+    assert stop > 8
 
 
 def test_a_folder_in_the_way_changes_nothing(tmp_path):
@@ -84,3 +90,36 @@ def test_links_stay_links_and_what_is_not_written_goes(tmp_path):
     assert (tmp_path / "a.npz").is_symlink()
     assert (tmp_path / "there" / "whole.npz").read_text() == "new"
     assert not (tmp_path / "a.png").exists()
+    (tmp_path / "a.tum").unlink()
+    (tmp_path / "a.tum").symlink_to("a.csv")
+    with pytest.raises(OSError, match="must be different files"):
+        write_together(contents(tmp_path, "other"))
+
+
+WRITER = """
+import sys
+from pathlib import Path
+from d2d.radar.files import write_together
+names = [Path(sys.argv[1]) / name for name in sys.argv[3:]]
+print(flush=True)
+while True:
+    write_together({name: sys.argv[2].encode() * 1000 for name in names})
+"""
+
+
+def test_two_writers_do_not_mix(tmp_path):
+    """Breaks if a reader finds the whole track of one run beside files of another."""
+    command = [sys.executable, "-c", WRITER, str(tmp_path)]
+    for _ in range(3):
+        writers = [
+            subprocess.Popen([*command, text, *NAMES], stdout=subprocess.PIPE) for text in "xy"
+        ]
+        for writer in writers:
+            assert writer.stdout is not None
+            writer.stdout.readline()  # it has begun
+        for writer in writers:
+            writer.send_signal(signal.SIGKILL)
+            writer.communicate()
+        left = held(tmp_path)
+        assert left.keys() <= set(NAMES)
+        assert NAMES[-1] not in left or (left.keys() == set(NAMES) and len(set(left.values())) == 1)

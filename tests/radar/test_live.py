@@ -186,6 +186,7 @@ def test_odd_lines_are_named_and_the_next_one_is_read(run):
         good[0].replace('"time": ', '"time": NaN, "was": '): "time must be finite",
         good[0].replace('"time": ', '"time": 1e999, "was": '): "time must be finite",
         good[0].replace('"time": ', f'"time": {10**400}, "was": '): "time must be",
+        good[0].replace('"time": ', '"time": true, "was": '): "time must be a number, but is true",
         good[0].replace('"time": ', '"time": 1e18, "was": '): "time must be in seconds (s), at mo",
         good[0].replace('"time": ', '"time": -1e300, "was": '): "time must be in seconds (s), at",
         good[0].replace('"range": [', '"range": ["a", '): "range must be an array of real numbers",

@@ -265,6 +265,8 @@ def _drive(
         found = f"{len(used)} mountings" if used else "no scan"
         raise ValueError(f"{folder / 'sample_data.json'} has {found} of {channel} in {scene}")
     files = sorted((time * MICROSECOND, name) for *_, time, name in own)
+    if len({time for time, _ in files}) < len(files):
+        raise ValueError(f"{folder / 'sample_data.json'} has two scans with the same time stamp")
     with reading(folder / "calibrated_sensor.json", "a table of nuScenes"):
         (x, y, _), rotation = mountings[used.pop()]
         mounting = Mounting(x, y, float(yaw_of(*rotation)))

@@ -20,6 +20,7 @@ from d2d.radar.scans.scan import BOUNDS, MEASURED, Mounting, RadarScan
 
 SLIP = SlipLaw(ahead=0.0, compliance=0.0045)
 
+_COMPRESSION = 100  # times the size of a file that its tables may have; the original's have 3
 # Fitted to the errors of all four sensors together in sequence 105, by maximum likelihood, which
 # cannot tell azimuth (0.10 deg) and Doppler (0.040 m/s) apart; sensor 3 alone has 0.2 deg.
 # Beside 0.15, this costs a log score of 0.01 (108: 0.05), and covariances of paths become truer.
@@ -150,9 +151,15 @@ def _tables(path: Path) -> tuple[Table, Table]:
 
 
 def _table(file: Any, name: str, fields: tuple[str, ...]) -> Table:
-    if name not in file:
+    outside = hasattr(file.get(name, getlink=True), "filename")  # of an external link
+    if not outside and name not in file:
         raise ValueError(f"it has no table {name!r}")
-    rows = file[name][:]
+    if outside or file[name].is_virtual or file[name].external:
+        raise ValueError(f"the table {name!r} must be in the file, not in another one")
+    dataset = file[name]
+    if dataset.nbytes > _COMPRESSION * os.path.getsize(file.filename):
+        raise ValueError(f"the table {name!r} claims {dataset.nbytes} bytes, too many for its file")
+    rows = dataset[:]
     missing = [field for field in fields if field not in (rows.dtype.names or ())]
     if missing:
         raise ValueError(f"the table {name!r} has no column {missing[0]!r}")

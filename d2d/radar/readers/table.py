@@ -21,6 +21,7 @@ from d2d.radar.scans.scan import ANGLES, BOUNDS, MEASURED, RadarScan
 
 Mask = NDArray[np.bool_]
 
+_COMPRESSION = 200  # times the size of a gzip file that its text may have; logs have some 10
 _TIMES = {"ns": 1e-9, "us": 1e-6, "ms": 1e-3, "s": 1.0, "sec": 1.0, "nsec": 1e-9}
 _LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "km": 1e3}
 _SPEEDS = {"m_per_s": 1.0, "mps": 1.0, "m_s": 1.0, "kmh": 1 / 3.6, "km_h": 1 / 3.6}
@@ -198,7 +199,10 @@ def decoded(path: Path) -> str:
     raw = bytes_of(path)
     if raw[:2] == b"\x1f\x8b":
         with reading(path, "a complete gzip file"):
-            raw = gzip.decompress(raw)
+            most = _COMPRESSION * len(raw)
+            raw = gzip.GzipFile(fileobj=io.BytesIO(raw)).read(most + 1)
+            if len(raw) > most:
+                raise ValueError(f"it holds over {most} bytes, too many for its size")
     if raw[:4] == b"PAR1":
         with reading(path, "a Parquet file that pandas and pyarrow read"):
             import pandas

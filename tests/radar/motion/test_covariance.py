@@ -29,7 +29,7 @@ from d2d.radar import (
     estimate_ego_motion,
     propagate_ego_motion,
 )
-from d2d.radar.motion.covariance import apply_budget, influences
+from d2d.radar.motion.covariance import add_noise, apply_budget, influences
 from d2d.radar.motion.estimate import estimate_velocity
 from d2d.radar.motion.model import DEFAULT_OUTLIER
 from d2d.radar.motion.pairs import ScanPair, problem_of
@@ -290,6 +290,23 @@ def test_the_same_pair_twice_tells_nothing_new():
     assert_array_equal(propagated(once, [pair]), alone)
 
 
+def test_more_scatter_of_the_positions_is_none_of_the_azimuth():
+    """Breaks if the share is taken from the positions' covariances, not the azimuth's sigma."""
+    pairs = pairs_of(several(np.random.default_rng(4)))
+    problem = problem_of(pairs, EgoMotionModel())
+    found = influences(problem, problem.bind(estimated(pairs).theta), pairs)
+    extended = found._replace(covariances=found.covariances + 0.09 * np.eye(2))
+    more = np.einsum("kid,kjd->ij", found.position, found.position)
+    noise = np.zeros((2, 3, 3))
+    for total, each in zip(noise, (found, extended), strict=True):
+        add_noise(each, True, total)
+    assert_allclose(noise[1], noise[0] + 0.09 * more, rtol=1e-9)
+    scans = [(pair.previous, pair.mounting) for pair in pairs]
+    scans += [(pair.current, pair.mounting) for pair in pairs]
+    stated = np.concatenate([scan.point_set(mounting).covariances for scan, mounting in scans])
+    assert_array_equal(found.covariances, stated)
+
+
 # ---- what has no covariance, and what is refused
 
 
@@ -453,7 +470,9 @@ def test_the_delay_is_how_far_an_accelerating_vehicle_is_ahead():
 
 def test_the_lead_is_how_far_a_known_acceleration_moves_the_estimate():
     """Breaks if what is taken off positions or Doppler velocities is not what is added again."""
-    pairs, acceleration = two_pairs(), np.array([0.4, -0.2, 0.05])
+    first, (*scans, rear) = two_pairs()
+    later = (replace(scan, time=scan.time + 0.2) for scan in scans)
+    pairs, acceleration = [first, ScanPair(*later, rear)], np.array([0.4, -0.2, 0.05])
     lead = applied(pairs, ErrorBudget()).lead
     start = estimated(pairs).theta
     moved = slope(

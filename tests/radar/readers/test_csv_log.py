@@ -239,6 +239,7 @@ WHOLE = f"{HEADER}\n0,5,0,0"
         (WHOLE, {"scan_gap": -1.0}, "scan_gap must be at least 0"),
         (f"time_ms{WHOLE[4:]}", {"time_unit": "ns"}, "time_ms is in ms, but is said to be in ns"),
         (b"\x1f\x8b123", {}, "is not a complete gzip file"),
+        (gzip.compress(b"0" * 1_000_000), {}, "too many for its size"),
         (b"PAR1123", {}, "is not a Parquet file that pandas and pyarrow read"),
     ],
 )

@@ -10,6 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 import pytest
 
@@ -127,6 +128,59 @@ def test_what_is_missing_is_named_with_its_path(tmp_path, name):
             load(root)
         assert str(caught.value).startswith(str(root / gone))
         (tmp_path / "elsewhere").rename(root / gone)
+
+
+def linked(file: h5py.File, other: Path) -> None:
+    file["radar_data"] = h5py.ExternalLink(str(other), "radar_data")
+
+
+def virtual(file: h5py.File, other: Path) -> None:
+    with h5py.File(other) as source:
+        dataset = source["radar_data"]
+        layout = h5py.VirtualLayout(dataset.shape, dataset.dtype)
+        layout[:] = h5py.VirtualSource(dataset)
+    file.create_virtual_dataset("radar_data", layout)
+
+
+def stored_outside(file: h5py.File, other: Path) -> None:
+    size = radarscenes.TARGETS.nbytes
+    (other.parent / "raw").write_bytes(radarscenes.TARGETS.tobytes())
+    file.create_dataset(
+        "radar_data",
+        radarscenes.TARGETS.shape,
+        radarscenes.TARGETS.dtype,
+        external=[(str(other.parent / "raw"), 0, size)],
+    )
+
+
+def claims(rows: int) -> Callable[[h5py.File, Path], None]:
+    def write(file: h5py.File, other: Path) -> None:
+        kind = radarscenes.TARGETS.dtype
+        file.create_dataset("radar_data", (rows,), kind, chunks=(1000,), compression="gzip")
+
+    return write
+
+
+@pytest.mark.parametrize(
+    ("write", "said"),
+    [
+        *((linked, "not in another one"), (virtual, "not in another one")),
+        *((stored_outside, "not in another one"), (claims(10**12), "too many for its file")),
+        (claims(40_000_000), "too many for its file"),
+        (lambda file, other: file.create_group("radar_data"), "is not a RadarScenes radar file"),
+    ],
+)
+def test_tables_that_are_elsewhere_or_claim_too_much(tmp_path, write, said):
+    """Breaks if another file is read, or gigabytes are taken for a file of some kB."""
+    root = radarscenes.write_dataset(tmp_path / "RadarScenes", like_the_original=True)
+    path = root / radarscenes.H5
+    other = path.rename(tmp_path / "other.h5")
+    with h5py.File(path, "w") as file:
+        file.create_dataset("odometry", data=radarscenes.ODOMETRY)
+        write(file, other)
+    found = assert_harmless(lambda: load_radarscenes(root, 7, 3), path)
+    assert str(path) in found
+    assert said in found
 
 
 @pytest.mark.parametrize("place", ["/etc", "../there", "a/../../there"])

@@ -8,7 +8,7 @@ from d2d.radar import FilterInput, track
 from d2d.radar.simulation.drive import CAR_SPEED, ROAD_SPEED, ROBOT_SPEED
 from d2d.radar.simulation.world import lap_motion
 from d2d.radar.tracks import filter as filtering
-from d2d.radar.tracks.filter import JERK, UNKNOWN, begin, predict, smooth_mixtures, update
+from d2d.radar.tracks.filter import JERK, UNKNOWN, Belief, begin, predict, smooth_mixtures, update
 from d2d.scores import normalised_squares
 from tests.radar.scenes import AROUND, accelerating
 
@@ -30,6 +30,16 @@ def filtered(times, inputs):
         before = predict(found[-1], time) if found else None
         found.append(begin(time, each) if before is None else update(before, each))
     return found
+
+
+def test_the_modes_differ_by_as_much_as_they_do():
+    """Breaks if a mixture is as sure as its modes are, however far these are apart."""
+    own = np.array([0.01 * np.eye(6), 0.03 * np.eye(6)])
+    apart = Belief(np.array([np.zeros(6), np.arange(6.0)]), own, np.zeros((2, 6, 1)))
+    whole = apart.combined(np.array([0.75, 0.25]))
+    assert_allclose(whole.mean, 0.25 * np.arange(6.0))
+    between = 0.75 * 0.25 * np.outer(np.arange(6.0), np.arange(6.0))
+    assert_allclose(whole.covariance, 0.015 * np.eye(6) + between)
 
 
 def moved(passed):

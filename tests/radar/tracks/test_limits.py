@@ -19,6 +19,7 @@ def test_limits_count_beyond_three_standard_deviations():
         ([20.0, 0.0, -3.5], 0.1, "a yaw rate of 200.5 deg/s"),
         ([26.0, 0.0, 0.0], 0.1, "an acceleration of 60.0 m/s^2 along x"),
         ([21.4, 0.0, 0.0], 0.1, ""),
+        ([21.55, 0.0, 0.0], 0.1, ""),
         ([21.7, 0.0, 0.0], 0.1, "an acceleration of 17.0 m/s^2 along x"),
         ([20.0, 0.0, 1.2], 0.1, "a yaw acceleration of 12.0 rad/s^2"),
     ):

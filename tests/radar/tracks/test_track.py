@@ -191,6 +191,29 @@ def test_a_track_in_a_few_words():
     assert str(example(known=False)) == repr(example(known=False))
 
 
+def failed(count: int) -> Track:
+    """A track whose first estimates failed."""
+    bad = np.arange(N) < count
+    covariance = np.where(bad[:, None, None], np.nan, np.eye(3))
+    reasons = np.where(bad, "a speed of 98.0 m/s", "").astype("<U60")
+    return replace(example(), covariance=covariance, converged=~bad, reasons=reasons)
+
+
+def test_rare_reasons_are_counted_together():
+    """Breaks if failures are left out, a unit's exponent is taken for a number, or a number's sign
+    makes two reasons of one."""
+    driven = failed(9)
+    reasons = driven.reasons.copy()
+    reasons[:9] = 3 * ["an acceleration of 31.5 m/s^2 along x"] + 2 * ["a"] + ["b", "b", "c", "d"]
+    words = str(replace(driven, reasons=reasons)).splitlines()
+    assert words[1] == "  3 failed: an acceleration of 31.5 m/s^2 along x"
+    assert words[-1] == "  2 failed otherwise"
+    assert sum(int(line.split()[0]) for line in words[1:]) == 9
+    reasons = np.array(["a side slip of -1.20 m/s", "a side slip of 0.90 m/s", *(N - 2) * [""]])
+    words = str(replace(failed(2), reasons=reasons)).splitlines()
+    assert words[1:] == ["  2 failed: a side slip of -1.20 to 0.90 m/s"]
+
+
 def test_the_picture_shows_velocities_bands_and_failures():
     """Breaks if an axis lacks its unit, a failed estimate is drawn, or the band is one sigma."""
     for known in (False, True):

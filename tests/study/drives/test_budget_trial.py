@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 
 from d2d.study.drives import budget_trial as trial
 from d2d.study.drives.budget_trial import INGREDIENTS
@@ -21,6 +21,21 @@ def test_errors_have_the_standard_deviations_of_the_budget():
     assert drawn[0].extent == wrong.extent
     assert drawn[0].neighbours == wrong.budget.neighbours
     assert drawn[0].rounding == wrong.rounding
+
+
+def test_all_ingredients_are_tried_on_the_same_drives():
+    """Breaks if an ingredient changes what is detected, or where a drive starts."""
+    kinds = [
+        trial._simulated(INGREDIENTS[name], 2, 0.3)
+        for name in ("no error", "extent, neighbours correlated", "azimuth bias")
+    ]
+    for other in kinds[1:]:
+        for first, second in zip(kinds[0], other, strict=True):
+            assert_array_equal(first.truth.poses, second.truth.poses)
+            for a, b in zip(first.targets, second.targets, strict=True):
+                assert_array_equal(a.point, b.point)
+    starts = [drive.truth.poses[0] for drive in kinds[0]]
+    assert np.hypot(*(starts[1] - starts[0])[:2]) > 20.0
 
 
 @pytest.mark.parametrize("name", ["azimuth bias", "shared Doppler error", "scale", "all"])
@@ -50,6 +65,7 @@ def test_neighbours_that_move_alike_need_their_dependence():
         for name in ("extent", "extent, neighbours correlated", "extent, not stated")
     )
     assert 0.85 < alone.anees[1] < 1.2
+    assert_array_equal(alone.anees[1:2], alone.anees[2:])
     assert alike.anees[2] < 0.95 * alike.anees[1]
     assert 0.8 < alike.anees[2] < 1.15
     assert unknown.anees[0] > 2.0

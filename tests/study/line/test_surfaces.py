@@ -162,3 +162,18 @@ def test_an_optimum_is_right_up_to_half_way_to_the_next_meeting_of_targets():
     """Breaks if an alignment of other targets may count as the true one."""
     meetings = np.abs(FIXED_POSITIONS[:, None] - FIXED_POSITIONS)
     assert_allclose(outlier_study.RIGHT, 0.5 * meetings[meetings > 0.0].min())
+
+
+def test_the_map_of_outlier_models_has_a_row_for_each_fraction(monkeypatch):
+    """Breaks if a fraction is shown at a width, or one measure as another."""
+    monkeypatch.setattr(outlier_study, "FRACTIONS", (0.2, 0.9))
+    monkeypatch.setattr(outlier_study, "WIDTHS", (0.3, 3.0, 10.0))
+    monkeypatch.setattr(outlier_study, "MAP_DRAWS", 20)
+    right, comparable, basin = outlier_study.outlier_map.__wrapped__()
+    found = outlier_study.survey_corrupted(0.9, 3.0, 20)
+    assert right.shape == comparable.shape == basin.shape == (2, 3)
+    assert right[1, 1] == np.mean(np.abs(found.highest - TRUTH) < outlier_study.RIGHT)
+    assert (comparable[1, 1], basin[1, 1]) == (
+        np.mean(found.rival > outlier_study.COMPARABLE),
+        np.median(found.basin_width),
+    )

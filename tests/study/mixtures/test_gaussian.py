@@ -7,14 +7,31 @@ from scipy import stats
 from sklearn.mixture import GaussianMixture as SklearnMixture
 
 from d2d import rigid
+from d2d.baselines.gaussian_fit import raise_eigenvalues
 from d2d.study.mixtures import gaussian
 from d2d.study.mixtures.claims import random_observations
 from d2d.study.mixtures.gaussian import GaussianMixture, fit_mixture
+from tests.strategies import spd
 
 SIGMA = np.array([[2.0, -0.6], [-0.6, 0.5]])
 MIXTURE = GaussianMixture(
     np.array([0.3, 0.7]), np.array([[0.0, 0.0], [4.0, 1.0]]), np.stack([SIGMA, np.eye(2)])
 )
+
+
+def test_raised_eigenvalues_are_the_constrained_maximum():
+    rng = np.random.default_rng(5)
+    empirical, floor = np.diag([3.0, 0.01]), 0.2
+
+    def log_likelihood(sigma):
+        return -np.linalg.slogdet(sigma)[1] - np.trace(np.linalg.solve(sigma, empirical))
+
+    raised = raise_eigenvalues(empirical, floor)
+    assert_allclose(raised, np.diag([3.0, 0.2]), atol=1e-15)
+    for _ in range(200):
+        other = raised + 0.3 * rng.random() * spd(rng, 1, 2)[0]
+        turned = raise_eigenvalues(other, floor)
+        assert log_likelihood(turned) <= log_likelihood(raised) + 1e-12
 
 
 def test_confidence_ellipse_holds_its_share_of_draws():

@@ -27,6 +27,8 @@ from d2d.study.plane.optima import (
     Minima,
     arrival_shares,
     local_minima,
+    rotation_profile,
+    translation_surface,
 )
 from d2d.study.plane.scenarios import OVERLAPPED, Layout, random_scene, scene
 from d2d.study.plane.tables import credibility_table, summary, summary_table
@@ -150,6 +152,16 @@ def test_a_start_at_the_truth_arrives_and_one_far_off_does_not() -> None:
     assert shares.shape == (len(TURNS), len(DISTANCES))
     assert shares[np.abs(TURNS).argmin(), 0] == 1.0
     assert shares[-1, -1] < 0.5
+
+
+def test_surfaces_are_the_cost() -> None:
+    sets = scenarios.OVERLAPPED.sample(1, np.random.default_rng(0))
+    fixed, moving = (each[0] for each in sets)
+    theta, offsets = scenarios.OVERLAPPED.theta, np.array([-1.0, 0.5])
+    surface = translation_surface(SUMMING, fixed, moving, theta, offsets)
+    assert surface[1, 0] == -SUMMING.value(theta + np.array([-1.0, 0.5, 0.0]), fixed, moving)
+    profile = rotation_profile(SUMMING, fixed, moving, theta, offsets)
+    assert profile[1] == -SUMMING.value(theta + np.array([0.0, 0.0, 0.5]), fixed, moving)
 
 
 # ---- Measures -----------------------------------------------------------------------------------

@@ -43,7 +43,7 @@ from d2d.study.road.protocol import (
     rows_of,
     unfiltered,
 )
-from d2d.study.road.protocol_tables import section
+from d2d.study.road.protocol_tables import chart, section
 
 SCALE = np.array([0.01, 0.02, 0.002])
 MOUNTINGS = Mounting(3.5, 0.6, 0.4), Mounting(3.5, -0.6, -0.4)
@@ -158,7 +158,7 @@ def test_a_cell_has_the_sensors_and_targets_that_it_says():
 
 
 @pytest.mark.parametrize("count", [2, 5])
-def test_the_tables_hold_every_model_in_every_cell(count):
+def test_the_tables_hold_every_model_in_every_cell(count, tmp_path):
     """Breaks if a cell or drive is left out, two drives get an interval, or a page shows nan."""
     names = [f"drive {i}" for i in range(count)]
     few = {name: own for name, own in tracks(0).items() if name in (FITTED, STORED)}
@@ -172,3 +172,7 @@ def test_the_tables_hold_every_model_in_every_cell(count):
     assert "nan" not in text
     for name in (*MODELS, *(cell.removesuffix(" targets") for cell in CELLS), *names):
         assert name in text
+    assert ("±" in text.split("\n\n")[1]) == (count > 2)
+    assert ("[" in text.split("**")[6]) == (count == 2)
+    chart({"A data set": rows}, tmp_path / "chart.png")
+    assert (tmp_path / "chart.png").stat().st_size > 10_000
