@@ -473,17 +473,20 @@ def test_the_lead_is_how_far_a_known_acceleration_moves_the_estimate():
     first, (*scans, rear) = two_pairs()
     later = (replace(scan, time=scan.time + 0.2) for scan in scans)
     pairs, acceleration = [first, ScanPair(*later, rear)], np.array([0.4, -0.2, 0.05])
-    lead = applied(pairs, ErrorBudget()).lead
-    start = estimated(pairs).theta
-    moved = slope(
-        lambda by: (
-            estimate_velocity(
-                problem_of(pairs, EgoMotionModel(), by * acceleration, start), start, (1.0,)
-            ).theta
-        ),
-        1e-3,
-    )
-    assert_allclose(moved, lead @ acceleration, rtol=0.02, atol=1e-3)
+    for model in (EgoMotionModel(), EgoMotionModel(doppler=False)):
+        found = estimate_velocity(problem_of(pairs, model), THETA, (1.0,))
+        start = found.theta
+        told = problem_of(pairs, model), found, pairs, NOTHING, pairs[0].current.time, start
+        moved = slope(
+            lambda by, model=model, start=start: (
+                estimate_velocity(
+                    problem_of(pairs, model, by * acceleration, start), start, (1.0,)
+                ).theta
+            ),
+            1e-3,
+        )
+        assert np.abs(moved).max() > 0.01
+        assert_allclose(moved, apply_budget(*told).lead @ acceleration, rtol=0.02, atol=1e-3)
 
 
 def test_large_scans_of_several_sizes_are_apart(monkeypatch):
