@@ -6,7 +6,7 @@ import platform
 import subprocess
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -52,14 +52,13 @@ class Library(NamedTuple):
     compiled: float  # s to the first result on a new machine; nan without a compiler
 
 
-def libraries() -> dict[str, Library]:
-    """Size and seconds before the first result of each library that is installed."""
+def libraries(missing: Collection[str]) -> dict[str, Library]:
+    """Size and seconds before the first result of each library but those of ``missing`` modules."""
     found = {}
     for name, code in _FIRST.items():
-        try:
-            version = importlib.metadata.version(name)
-        except importlib.metadata.PackageNotFoundError:
+        if name.replace("-", "_") in missing:
             continue
+        version = importlib.metadata.version(name)
         program = _TARGETS + code + _PRINT
         module = f"import time; t = time.process_time(); import {name.replace('-', '_')}" + _PRINT
         imported = min(printed(module) for _ in range(5))

@@ -125,7 +125,7 @@ def measure(quick: bool) -> report.Measured:
         if library is None:
             missing[peer.module] = why
     say("start-up and compilation")
-    libraries = processes.libraries()
+    libraries = processes.libraries(missing)
     rows: list[report.Row] = []
     for size, effort in (QUICK if quick else EFFORT).items():
         for start in ("truth", "off", "zero") if size in DETAILED else ("truth", "off"):
