@@ -32,8 +32,8 @@ from d2d.study.runs import StatedCovariances
 FACTORS: dict[str, tuple[str, str, bool]] = {
     "noise": ("noise", "noise / nominal", True),
     "size": ("size", "targets in a scan", True),
-    "outliers": ("outlier_share", "outlier share", False),
-    "overlap": ("overlap", "overlap", False),
+    "outliers": ("outlier_share", "outliers (%)", False),
+    "overlap": ("overlap", "overlap (%)", False),
     "spacing": ("spacing_m", "minimum spacing (m)", False),
     "field": ("field_deg", "half field of view (°)", True),
     "reported": ("reported", "stated / actual σ", True),
@@ -57,17 +57,18 @@ def factor_panels(
     panels = axes.ravel()
     for ax, factor in zip(panels, factors, strict=False):
         parameter, label, logarithmic = FACTORS[factor]
-        size = {"ms": 4, "lw": 1.2}
+        size, unit = {"ms": 4, "lw": 1.2}, 100.0 if "%" in label else 1.0
         for cost, key in STORED.items():
             chosen = select(rows, factor, cost=cost, distance_m=0.0)
             style = cost_line(key) | size | {"marker": COSTS[key].marker}
-            ax.plot(chosen[parameter], chosen[measure], **style)
+            ax.plot(unit * chosen[parameter], 100.0 * chosen[measure], **style)
         values = list(chosen[parameter])
         if annealed:
             chosen = select(rows, factor, cost="robust", scales=ANNEALING)
             style = cost_line("robust", label="robust, annealed,\nfrom afar") | size
-            ax.plot(chosen[parameter], chosen[measure], **style, marker="x", zorder=3)
-        ax.set(xlabel=label, ylim=(-0.03, 1.03))
+            shares = 100.0 * chosen[measure]
+            ax.plot(unit * chosen[parameter], shares, **style, marker="x", zorder=3)
+        ax.set(xlabel=label, ylim=(-3.0, 103.0))
         if logarithmic:  # ticks at both ends and at one value between, if possible 1
             middle = 1.0 if min(values) < 1.0 < max(values) else values[len(values) // 2]
             ax.set_xscale("log")
@@ -109,10 +110,11 @@ def first_scale_panel(ax: Axes, rows: pd.DataFrame) -> None:
     marks = zip(by_noise, (BLACK, YELLOW, PINK, SKY, PURPLE), "Pvx^*", strict=True)
     for (noise, chosen), color, marker in marks:
         label = f"noise {noise:g}"
-        ax.plot(chosen.ratio, chosen.success, marker, color=color, ms=5, label=label)
+        ax.plot(chosen.ratio, 100.0 * chosen.success, marker, color=color, ms=5, label=label)
     ax.axvline(1.0, color=GREY, lw=0.9)
     ax.set_xscale("log")
-    ax.set(xlabel="first scale · σ / start error", ylabel="share at the truth", ylim=(-0.03, 1.03))
+    write_out_ticks(ax.xaxis, (0.01, 0.1, 1, 10, 100))
+    ax.set(xlabel="first scale · σ / start error", ylabel="runs at the truth (%)", ylim=(-3, 103))
     ax.legend(loc="lower right")
 
 
@@ -131,4 +133,5 @@ def covariance_panel(
     ax.set_yticks(heights, names if named else [""] * len(heights))
     ax.set_xscale("symlog", linthresh=1.0, linscale=0.7)
     write_out_ticks(ax.xaxis, (-10, -1, 0, 1, 10))
-    ax.set(xlabel="I² (dB)", title=title, ylim=(-0.6, len(covariances) - 0.4), xlim=(-40, 40))
+    words = "← too large          I² (dB)          too small →"
+    ax.set(xlabel=words, title=title, ylim=(-0.6, len(covariances) - 0.4), xlim=(-40, 40))

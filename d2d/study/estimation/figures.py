@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
+from matplotlib.patheffects import withStroke
 
 from d2d._types import Array
 from d2d.study.book.drawing import intervals
@@ -15,11 +16,12 @@ from d2d.study.estimation.descent import PairedTargets, profile
 from d2d.study.estimation.optimisers import Path
 from d2d.study.runs import StatedCovariances
 
-COLOURS = {
-    "gradient descent": OCHRE,
-    "Newton": PURPLE,
-    "Gauss-Newton": BLACK,
-    "Levenberg-Marquardt": SKY,
+# The colour of each path, and where in the plane of t_y (m) and phi (degrees) its name stands.
+LOOKS = {
+    "gradient descent": (OCHRE, (-0.15, 4.6)),
+    "Newton": (PURPLE, (0.4, -0.4)),
+    "Gauss-Newton": (BLACK, (0.15, 7.3)),
+    "Levenberg-Marquardt": (SKY, (0.13, 5.8)),
 }
 
 
@@ -38,8 +40,11 @@ def draw_paths(
         points = path.points[: None if iteration is None else iteration + 1]
         drawn = points[:, 1], np.rad2deg(points[:, 2])
         broad = 4.0 if name == "Gauss-Newton" else 1.5  # the path below Levenberg-Marquardt's
-        steps = f"{name}, {len(points) - 1} steps"
-        ax.plot(*drawn, ".-", color=COLOURS[name], label=steps, ms=5 + broad, lw=broad)
+        color, place = LOOKS[name]
+        ax.plot(*drawn, ".-", color=color, ms=5 + broad, lw=broad)
+        text = f"{name}, {len(points) - 1} steps".replace("descent, ", "\ndescent\n")
+        halo = [withStroke(linewidth=3.0, foreground="white")]
+        ax.text(*place, text, color=color, fontsize=9, path_effects=halo)
     ax.grid(False)
     ax.set(xlabel="$t_y$ (m)", ylabel="$φ$ (°)")
 
@@ -95,6 +100,7 @@ def stated_over_actual(ax: Axes, studies: Mapping[str, tuple[str, StatedCovarian
         ax.axhline(rows[-1] + 0.5, color="0.8", lw=0.8)
     ax.axvline(1.0, **TRUTH)
     ax.set_yticks(range(len(names)), names)
-    ax.set(xscale="log", xlabel="stated / actual variance", ylim=(len(names) - 0.5, -0.5))
+    words = "← too small     stated / actual variance     too large →"
+    ax.set(xscale="log", xlabel=words, ylim=(len(names) - 0.5, -0.5))
     write_out_ticks(ax.xaxis, (0.5, 1, 2, 4, 8, 16))
     ax.grid(axis="y", visible=False)

@@ -1,16 +1,12 @@
 """The robust likelihood from inside: the terms of its derivatives, and costs as robust kernels."""
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from matplotlib.axes import Axes
 
 from d2d._types import Array
 from d2d.cost import CorruptedGaussian
 from d2d.point_set import PointSet
-from d2d.study.book.grammar import BLACK, DASHED, DOTTED, GREY, PURPLE, TRUTH, cost_line
-from d2d.study.line.scene import TRUTH as TRUE_TRANSLATION
 
 
 class Terms(NamedTuple):
@@ -47,37 +43,6 @@ def line_terms(
     )
 
 
-def draw_terms(axes: Sequence[Axes], translations: Array, terms: Terms) -> None:
-    """Draw the cost, the parts of its gradient and the terms of its Hessian, a panel each."""
-    gradient, hessian = terms.inliers + terms.outliers, terms.curvature - terms.spread
-    panels = {
-        "cost": {"": terms.value},
-        "gradient (1/m)": {
-            "all": gradient,
-            "inliers' part": terms.inliers,
-            "outliers' part": terms.outliers,
-        },
-        "Hessian (1/m²)": {
-            "all": hessian,
-            "mean curvature": terms.curvature,
-            "−spread of pulls": -terms.spread,
-        },
-    }
-    for ax, (name, curves) in zip(axes, panels.items(), strict=True):
-        looks = zip((BLACK, PURPLE, GREY), ("-", DASHED, DOTTED), strict=True)
-        for (label, values), (color, line) in zip(curves.items(), looks, strict=False):
-            look = {"color": color, "ls": line, "label": label} if label else cost_line("robust")
-            ax.plot(translations, values, **look)
-        if len(curves) > 1:
-            short: dict[str, float] = {"columnspacing": 1.0, "handlelength": 1.5}
-            above = (1.0, 1.0)
-            ax.legend(loc="lower right", bbox_to_anchor=above, borderaxespad=0.0, ncols=3, **short)
-        ax.axvline(TRUE_TRANSLATION, **TRUTH)
-        ax.set_title(name)
-        ax.margins(x=0.0)
-    axes[-1].set_xlabel("$t_x$ (m)")
-
-
 class Kernel(NamedTuple):
     """An M-estimator's kernel over normalised residuals (R,)."""
 
@@ -102,14 +67,3 @@ def kernels(residuals: Array, ratio: float) -> dict[str, Kernel]:
             np.log1p(ratio) - np.log(peak + ratio), residuals * inlier, np.asarray(inlier)
         ),
     }
-
-
-def draw_kernels(axes: Sequence[Axes], residuals: Array, ratio: float) -> None:
-    """Draw loss, influence and weight of the three kernels, a panel each."""
-    panels = {"loss ρ": (0.0, 8.0), "influence ρ′": (-4.0, 4.0), "weight ρ′/r": (0.0, 1.08)}
-    for key, kernel in kernels(residuals, ratio).items():
-        for ax, values in zip(axes, kernel, strict=True):
-            ax.plot(residuals, values, **cost_line(key))
-    for ax, (name, limits) in zip(axes, panels.items(), strict=True):
-        ax.set(xlabel="residual r", title=name, ylim=limits)
-        ax.margins(x=0.0)

@@ -13,27 +13,18 @@ from d2d.point_set import PointSet
 from d2d.study.book.grammar import (
     BLACK,
     COSTS,
-    DASH_DOTTED,
-    DASHED,
-    DOTTED,
     OUTLIER,
     TRUTH,
     cost_key,
     cost_line,
     set_marks,
 )
-from d2d.study.book.style import headline, letter_panels
+from d2d.study.book.style import headline, letter_panels, write_out_ticks
 from d2d.study.line import scene
 from d2d.study.line.surfaces import Peaks, log_surface, peaks, target_log_surfaces
 
-# Targets have tints of grey, and a row or a line of their own.
-TARGETS = (
-    ("0.25", "-"),
-    ("0.45", DASHED),
-    ("0.6", "-"),
-    ("0.25", DOTTED),
-    ("0.45", DASH_DOTTED),
-)
+TARGETS = ("0.25", "0.45", "0.6", "0.25", "0.45")  # tints of grey; a target has a row of its own
+SOFT = 2.0  # a cost above its minimum is drawn linearly below this, logarithmically above
 
 
 def line_targets(
@@ -56,20 +47,14 @@ def line_targets(
 def _rows(ax: Axes, x: Array, densities: Array, names: Sequence[str], highest: float) -> None:
     """Draw densities (K, T) over x one below the other, all to one scale, named at the left."""
     for k, (name, density) in enumerate(zip(names, densities, strict=True)):
-        style = _target_line(k, name)
+        color = OUTLIER if name == "O" else TARGETS[k]
         curve = 0.85 * density / highest - k
-        ax.fill_between(x, -k, curve, color=style["color"], alpha=0.25, lw=0)
-        ax.plot(x, curve, color=style["color"], lw=1.2)
+        ax.fill_between(x, -k, curve, color=color, alpha=0.25, lw=0)
+        ax.plot(x, curve, color=color, lw=1.2)
     ax.set_yticks(-np.arange(len(names)), names)
     ax.tick_params(axis="y", length=0)
     ax.set(ylim=(0.4 - len(names), 1.0))
     ax.margins(x=0.0)
-
-
-def _target_line(k: int, name: str) -> dict[str, Any]:
-    """Style of a target's curve."""
-    color, line = (OUTLIER, "-") if name == "O" else TARGETS[k]
-    return {"color": color, "ls": line, "lw": 1.2}
 
 
 def surface(
@@ -84,6 +69,14 @@ def surface(
     ax.plot(translations, values, **({"color": BLACK} | style))
     ax.set(xlabel="$t_x$ (m)", ylabel=ylabel)
     ax.margins(x=0.0)
+
+
+def cost_surface(ax: Axes, translations: Array, log_values: Array, **style: Any) -> None:
+    """Draw minus the logarithm of a surface, above its minimum: wells and walls on one scale."""
+    costs = log_values.max() - log_values
+    surface(ax, translations, costs, ylabel="−log density", **style)
+    ax.set_yscale("asinh", linear_width=SOFT)
+    write_out_ticks(ax.yaxis, [tick for tick in (0, 5, 50, 500) if tick < costs.max()])
 
 
 def both_sets(
@@ -109,18 +102,17 @@ def every_target(
     *,
     negative_log: bool = False,
 ) -> None:
-    """Draw the surface of each moving target, as a density in a row of its own or as a cost."""
+    """Draw the surface of each moving target, as a density or as a cost, in a row of its own."""
     logs = target_log_surfaces(cost, translations, *sets)
     if negative_log:
-        for k, name in enumerate(names):
-            surface(ax, translations, -logs[k], ylabel="−log density", **_target_line(k, name))
+        wells = np.arcsinh((logs.max(axis=1, keepdims=True) - logs) / SOFT)
+        _rows(ax, translations, wells, names, float(wells.max()))
     else:
         fixed = sets[0]
         deviations = np.sqrt(2.0 * np.pi * fixed.covariances[:, 0, 0])
         _rows(ax, translations, np.exp(logs), names, float((fixed.weights / deviations).max()))
-        ax.set_xlabel("$t_x$ (m)")
     ax.axvline(scene.TRUTH, **TRUTH)
-    ax.set_title("targets")
+    ax.set(xlabel="$t_x$ (m)", title="targets, −log" if negative_log else "targets")
 
 
 def fused(
@@ -134,7 +126,7 @@ def fused(
     values = log_surface(cost, translations, *sets)
     style = cost_line(cost_key(cost), cost.metric)
     surface(axes[0], translations, np.exp(values), ylabel="density", **style)
-    surface(axes[1], translations, -values, ylabel="−log density", **style)
+    cost_surface(axes[1], translations, values, **style)
     for ax in axes:
         ax.axvline(scene.TRUTH, **TRUTH)
         ax.set_title(title, color=style["color"])
@@ -149,6 +141,7 @@ def targets_and_fusions(
 ) -> dict[str, Peaks]:
     """Draw rows of targets, sum and likelihood, densities at the left, costs at the right."""
     figure, axes = plt.subplots(3, 2, sharex=True, figsize=(5.0, 4.9), height_ratios=(1.3, 1, 1))
+    axes[1, 1].sharey(axes[2, 1])
     for ax, logarithm in zip(axes[0], (False, True), strict=True):
         every_target(ax, translations, RegistrationCost(), sets, names, negative_log=logarithm)
     found: dict[str, Peaks] = {}

@@ -8,8 +8,8 @@ import numpy as np
 import scipy
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, QuadMesh
-from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 
 from d2d._types import Array
@@ -34,6 +34,7 @@ from d2d.study.book.style import (
     letter_panels,
     write_out_ticks,
 )
+from d2d.study.estimation.covariance_trials import CREDIBLE_INCLINATION
 from d2d.study.plane.evaluation import COSTS, Start, distance_and_rotation, evaluated
 from d2d.study.plane.optima import rotation_profile, translation_surface
 from d2d.study.plane.scenarios import Scenario
@@ -42,10 +43,11 @@ FAR = 45.0  # m: outliers beyond this range lie outside the scene
 ERROR_LIMITS = {"m": (0.01, 12.0), "°": (0.05, 50.0)}
 OFFSETS: Array = np.linspace(-8.0, 8.0, 129)  # from the true translation, in m
 LOWEST_COST = 0.3  # that can be told from the minimum
-COST_SCALE = LogNorm(LOWEST_COST, 3000.0)  # of −log density above its minimum, in every map
+CONTOURS = (1, 10, 30, 100, 300, 1000)  # of −log density above its minimum
 ROTATIONS: Array = np.deg2rad(np.linspace(-40.0, 40.0, 321))
 IN_LABEL_UNITS = np.array([1.0, 1.0, np.rad2deg(1.0)])
 LABELS = (("m", "$t_x$"), ("m", "$t_y$"), ("°", "φ"))
+HALO = [withStroke(linewidth=2.5, foreground="white")]
 
 
 def one_draw(scenario: Scenario, seed: int = 1) -> tuple[PointSet, PointSet]:
@@ -95,8 +97,7 @@ def error_panels(
     for row, start in zip(axes, starts, strict=True):
         errors = {name: evaluated(scenario, COSTS[name], start).errors for name in names}
         error_shares(row, errors, (f"translation, from {start}", f"rotation, from {start}"))
-    handles = axes[0, 0].get_legend_handles_labels()
-    figure.legend(*handles, loc="outside lower center", ncols=3, labelcolor="linecolor")
+    name_curves(axes[0, 0])
     headline(figure, finding)
     letter_panels(axes)
 
@@ -115,6 +116,9 @@ def bounds_columns(scenario: Scenario, names: Sequence[str], finding: str) -> No
             for k, ax in enumerate(column):
                 ax.set_ylim(-limits[k], limits[k])
                 error_bands(ax, np.arange(200.0), errors[:, k], sigma[:200, k], *LABELS[k])
+                ratio = np.nanmedian(sigma[:, k]) / np.sqrt(np.mean(result.errors[:, k] ** 2))
+                stated = f"stated {ratio / IN_LABEL_UNITS[k]:.1f} × actual"
+                ax.text(195.0, 0.45 * limits[k], stated, fontsize=9, ha="right", va="center")
             column[2].set_xlabel("run")
         headline(figure, finding)
         _head_columns(axes, names)
@@ -136,13 +140,16 @@ def credibility_columns(scenario: Scenario, names: Sequence[str], finding: str) 
         expected = len(result.nees) * np.diff(scipy.special.chdtr(3, edges))
         column[0].stairs(expected, edges, color=BLACK, label="credible")
         column[0].set(xscale="log", xlabel="NEES", ylabel="runs")
+        write_out_ticks(column[0].xaxis, (0.01, 1, 100))
         column[0].margins(y=0.25)
         decibels = 10.0 * np.log10(result.ratio)
         column[1].hist(np.clip(decibels, ratios[0], ratios[-1]), ratios, **bars)
         column[1].axvline(0.0, **TRUTH)
         column[1].axvline(result.inclination, color=BLACK, lw=1.2)
-        mean = f"{round(result.inclination, 1) + 0.0:+.1f} dB".replace("-", "−")
-        column[1].set_title(f"mean {mean}", loc="center")
+        mean = f"{round(result.inclination, 1) + 0.0:+.1f}".replace("-", "−")
+        wrong = abs(result.inclination) > CREDIBLE_INCLINATION
+        side = "small" if result.inclination > 0.0 else "large"
+        column[1].set_title(f"{mean} dB: " + (f"too {side}" if wrong else "fits"))
         column[1].set(xlabel="ratio (dB)", ylabel="runs", xticks=[-20, 0, 20])
     axes[0, 0].legend(loc="upper center", borderaxespad=0.0, handlelength=1.2)
     headline(figure, finding)
@@ -154,7 +161,7 @@ def _head_columns(axes: NDArray[np.object_], names: Iterable[str]) -> None:
     for ax in axes[:, 1:].ravel():
         ax.set_ylabel("")
     for letter, ax, name in zip("abc", axes[0], names, strict=False):
-        ax.set_title(f"({letter}) {LOOKS[name].name}", loc="center")
+        ax.set_title(f"({letter}) {LOOKS[name].name}")
 
 
 def planar_scene(ax: Axes, scenario: Scenario, fixed: PointSet, moving: PointSet) -> None:
@@ -183,15 +190,18 @@ def planar_scene(ax: Axes, scenario: Scenario, fixed: PointSet, moving: PointSet
 def cost_map(ax: Axes, offsets: Array, log_values: Array, title: str = "") -> QuadMesh:
     """Draw a cost over t_x and t_y around the truth (cross), above its minimum.
 
-    All maps have the one logarithmic scale `COST_SCALE`, with contours at its powers of ten.
+    Costs differ a hundredfold in height: colours are shares of the highest cost of the map, which
+    is written into it, and contours are labelled with the cost itself.
     """
-    above = np.maximum(log_values.max() - log_values, LOWEST_COST)
-    settings: dict[str, Any] = {"cmap": COST_MAP, "norm": COST_SCALE, "rasterized": True}
-    mesh = ax.pcolormesh(offsets, offsets, above, **settings)
-    lines = ax.contour(offsets, offsets, above, [1, 10, 100, 1000], colors="white", linewidths=0.6)
+    above = log_values.max() - log_values
+    settings: dict[str, Any] = {"cmap": COST_MAP, "vmin": 0.0, "vmax": 100.0, "rasterized": True}
+    mesh = ax.pcolormesh(offsets, offsets, 100.0 * above / above.max(), **settings)
+    lines = ax.contour(offsets, offsets, above, CONTOURS, colors="white", linewidths=0.7)
     spans = [[np.ptp(line) for line in level if line.size] for level in lines.allsegs]
     long = [max(each, default=0.0) > 6.0 for each in spans]
     ax.clabel(lines, np.asarray(lines.levels)[long], fontsize=9)
+    corner: dict[str, Any] = {"fontsize": 9, "ha": "right", "path_effects": HALO}
+    ax.text(0.97, 0.03, f"highest {above.max():.0f}", transform=ax.transAxes, **corner)
     ax.grid(False)
     ax.set(xlabel="$t_x$ − truth (m)", aspect="equal", title=title)
     ax.set(xticks=[-5, 0, 5], yticks=[-5, 0, 5])
@@ -205,8 +215,7 @@ def cost_map(ax: Axes, offsets: Array, log_values: Array, title: str = "") -> Qu
 def cost_bar(figure: Figure, mesh: QuadMesh, axes: Sequence[Axes]) -> None:
     """Draw the one colour bar of all maps below them."""
     settings: dict[str, Any] = {"location": "bottom", "shrink": 0.7, "aspect": 30, "pad": 0.02}
-    bar = figure.colorbar(mesh, ax=axes, label="−log density above its minimum", **settings)
-    write_out_ticks(bar.ax.xaxis, (1, 10, 100, 1000))
+    figure.colorbar(mesh, ax=axes, label="−log density (% of the map's highest)", **settings)
 
 
 def error_shares(
@@ -218,11 +227,16 @@ def error_shares(
     """Draw the share of runs below each error (N, 3); ``styles`` are for names of no cost."""
     for name, of_runs in errors.items():
         distance, turn = distance_and_rotation(of_runs)
-        share = np.arange(1, len(of_runs) + 1) / len(of_runs)
-        style = (styles or {}).get(name) or cost_line(name)
+        share = 100.0 * np.arange(1, len(of_runs) + 1) / len(of_runs)
+        style = (styles or {}).get(name) or cost_line(name, label=LOOKS[name].name.split()[0])
         for ax, values in zip(axes, (distance, np.rad2deg(turn)), strict=True):
             ax.step(np.sort(values), share, where="post", **style)
     for ax, title, (unit, limits) in zip(axes, titles, ERROR_LIMITS.items(), strict=True):
         ax.set(xscale="log", xlabel=f"error ({unit})", title=title)
         write_out_ticks(ax.xaxis, (0.01, 0.1, 1, 10))
-        ax.set(ylabel="share of runs", ylim=(0.0, 1.02), xlim=limits)
+        ax.set(ylabel="runs (%)", ylim=(0.0, 102.0), xlim=limits)
+
+
+def name_curves(ax: Axes) -> None:
+    """Name the curves of errors in the corner that no curve enters."""
+    ax.legend(loc="upper left", labelcolor="linecolor", handlelength=1.3, borderaxespad=0.1)

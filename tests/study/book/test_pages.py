@@ -94,7 +94,7 @@ def test_verdicts_are_counted():
 # ---- Tables -------------------------------------------------------------------------------------
 
 
-COLUMNS = ["method", ("error", "mm", ".1f"), "converged"]
+COLUMNS = ["method", ("v_x", "mm", ".1f"), "converged"]
 ROWS = {"ICP & co.": (-14.94, True), "NDT": (np.nan, None), "P2D": (2.0, False)}
 
 
@@ -109,17 +109,17 @@ def test_text_and_html_say_the_same():
     shown = table(ROWS, COLUMNS, "Errors <of> three methods.")
     assert str(shown).splitlines() == [
         "Errors <of> three methods.",
-        "method     error (mm)  converged",
-        "ICP & co.       -14.9        yes",
-        "NDT                 –          –",
-        "P2D               2.0         no",
+        "method     v_x (mm)  converged",
+        "ICP & co.     -14.9        yes",
+        "NDT               –          –",
+        "P2D             2.0         no",
     ]
     html = shown._repr_html_()
     assert words(html) == [
-        *("method", "error mm", "converged", "ICP & co.", "-14.9", "yes"),
+        *("method", "vx mm", "converged", "ICP & co.", "−14.9", "yes"),
         *("NDT", "–", "–", "P2D", "2.0", "no"),
     ]
-    assert "Errors &lt;of&gt; three methods." in html
+    assert "Errors &lt;of&gt; three methods." in html and "<i>v<sub>x</sub></i>" in html
 
 
 def test_a_value_is_shown_as_one_would_write_it():
