@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from d2d._types import Array
 from d2d.cost import RegistrationCost
 from d2d.point_set import PointSet
+from d2d.study.book.claim import DECIBELS
 from d2d.study.book.drawing import ellipses, error_bands, label
 from d2d.study.book.grammar import (
     BLACK,
@@ -34,7 +35,6 @@ from d2d.study.book.style import (
     letter_panels,
     write_out_ticks,
 )
-from d2d.study.estimation.covariance_trials import CREDIBLE_INCLINATION
 from d2d.study.plane.evaluation import COSTS, Start, distance_and_rotation, evaluated
 from d2d.study.plane.optima import rotation_profile, translation_surface
 from d2d.study.plane.scenarios import Scenario
@@ -147,7 +147,7 @@ def credibility_columns(scenario: Scenario, names: Sequence[str], finding: str) 
         column[1].axvline(0.0, **TRUTH)
         column[1].axvline(result.inclination, color=BLACK, lw=1.2)
         mean = f"{round(result.inclination, 1) + 0.0:+.1f}".replace("-", "−")
-        wrong = abs(result.inclination) > CREDIBLE_INCLINATION
+        wrong = abs(result.inclination) > DECIBELS.high
         side = "small" if result.inclination > 0.0 else "large"
         column[1].set_title(f"{mean} dB: " + (f"too {side}" if wrong else "fits"))
         column[1].set(xlabel="ratio (dB)", ylabel="runs", xticks=[-20, 0, 20])
