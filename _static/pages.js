@@ -3,10 +3,12 @@ document.addEventListener("readystatechange", () => { // before the theme looks 
   const named = document.querySelectorAll("summary, .search-button, .search-button-field"); // by their texts
   named.forEach((each) => each.removeAttribute("aria-label"));
   document.querySelectorAll(".measured-scroll").forEach((each) => (each.tabIndex = 0)); // to scroll by keys
+  sessionStorage.removeItem("sidebar-scroll-top"); // the theme shows the page's own line instead
+  const names = "article :is(th, td, figcaption, .claim-numbers dt, .ledger-row p, summary span):not(:has(code))";
+  document.querySelectorAll(names).forEach(setQuantities);
   if (innerWidth >= 1200) captionsAside();
   const rows = [...document.querySelectorAll(".ledger-row")];
   if (!rows.length) return;
-  nameSigns();
   filterLedger(rows);
   openClaim(rows);
   window.addEventListener("hashchange", () => openClaim(rows));
@@ -43,12 +45,10 @@ function captionsAside() {
   }
 }
 
-/** A sign of the map says which claim it is of. */
-function nameSigns() {
-  for (const sign of document.querySelectorAll(".ledger-map a")) {
-    const row = document.querySelector(sign.hash);
-    sign.title = sign.ariaLabel = `${row.dataset.verdict}: ${row.querySelector("summary > span + span").textContent}`;
-  }
+/** Names of quantities in tables are set as in formulas: v_x with an index, omega as a letter. */
+function setQuantities(cell) {
+  const set = cell.innerHTML.replace(/\b([gtv])_([xy])\b(?![^<]*>)/g, "<i>$1</i><sub>$2</sub>");
+  cell.innerHTML = set.replace(/\bomega\b(?![^<]*>)/g, "ω");
 }
 
 /** How many claims have each verdict, as lengths of a bar. */
@@ -56,11 +56,8 @@ function verdictBar(rows) {
   const bar = document.createElement("div");
   bar.className = "ledger-bar";
   for (const [verdict, alike] of Map.groupBy(rows, (row) => row.dataset.verdict)) {
-    const part = document.createElement("span");
-    part.className = `verdict-${verdict.replaceAll(" ", "-")}`;
-    part.style.flexGrow = alike.length;
-    part.textContent = part.title = `${alike.length} ${verdict}`;
-    bar.append(part);
+    const name = `verdict-${verdict.replaceAll(" ", "-")}`;
+    bar.innerHTML += `<span class="${name}" style="flex-grow: ${alike.length}">${alike.length} ${verdict}</span>`;
   }
   return bar;
 }
