@@ -4,8 +4,6 @@ document.addEventListener("readystatechange", () => { // before the theme looks 
   named.forEach((each) => each.removeAttribute("aria-label"));
   document.querySelectorAll(".measured-scroll").forEach((each) => (each.tabIndex = 0)); // to scroll by keys
   sessionStorage.removeItem("sidebar-scroll-top"); // the theme shows the page's own line instead
-  const names = "article :is(th, td, figcaption, .claim-numbers dt, .ledger-row p, summary span):not(:has(code))";
-  document.querySelectorAll(names).forEach(setQuantities);
   if (innerWidth >= 1200) captionsAside();
   const rows = [...document.querySelectorAll(".ledger-row")];
   if (!rows.length) return;
@@ -43,12 +41,6 @@ function captionsAside() {
     if (!wide) caption.parentNode.prepend(caption);
     (wide ? caption.parentNode : caption).classList.add("popout");
   }
-}
-
-/** Names of quantities in tables are set as in formulas: v_x with an index, omega as a letter. */
-function setQuantities(cell) {
-  const set = cell.innerHTML.replace(/\b([gtv])_([xy])\b(?![^<]*>)/g, "<i>$1</i><sub>$2</sub>");
-  cell.innerHTML = set.replace(/\bomega\b(?![^<]*>)/g, "ω");
 }
 
 /** How many claims have each verdict, as lengths of a bar. */

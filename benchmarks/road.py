@@ -41,7 +41,7 @@ Method = Callable[[Round], Velocity]
 CELLS = (1.0, 2.0, 4.0)  # m, of the NDT
 PILOT = 10  # rounds, of which one is used to choose a radius
 NOT_STATED = np.full((3, 3), np.nan)
-HEAD = ("method", "v_x, m/s", "v_y, m/s", "ω, °/s", "drift, m", "drift, °", "ANEES", "ms")
+HEAD = ("method", "$v_x$, m/s", "$v_y$, m/s", "ω, °/s", "drift, m", "drift, °", "ANEES", "ms")
 
 
 class Outcome(NamedTuple):
@@ -196,7 +196,7 @@ def ours(drive: Drive, **options: Any) -> tuple[Array, Array, float]:
 
 def lines(drives: Sequence[Drive]) -> Iterator[tuple[str, ...]]:
     """The line of every method on the drives of a data set."""
-    for name, side_slip in (("", True), (", v_y = 0", False)):
+    for name, side_slip in (("", True), (", $v_y = 0$", False)):
         found = [outcome(d, *run(by_doppler(side_slip), d.rounds)) for d in drives]
         yield cells(f"Doppler velocities alone{name}", found)
     for name, method in best_registrations(drives[0]):

@@ -92,14 +92,14 @@ def intervals(rows: pd.DataFrame) -> str:
 
 def by_direction(rows: pd.DataFrame) -> str:
     """All sensors: squares by direction, and coverage in per cent."""
-    columns = {name: (ALL, name, 1.0, 2) for name in DIRECTIONS}
+    columns = {f"${name}$": (ALL, name, 1.0, 2) for name in DIRECTIONS}
     return table(rows, columns | {name: (ALL, name, 100.0, 0) for name in LEVELS})
 
 
 def errors(rows: pd.DataFrame) -> str:
     """All sensors: RMS errors by direction."""
     units = zip(DIRECTIONS, ("m/s", "m/s", "°/s"), (3, 3, 2), strict=True)
-    columns = {f"{n}, {unit}": (ALL, f"RMSE of {n}", 1.0, d) for n, unit, d in units}
+    columns = {f"${n}$, {unit}": (ALL, f"RMSE of {n}", 1.0, d) for n, unit, d in units}
     return table(rows, columns, TRACKS)
 
 
