@@ -73,10 +73,9 @@ def surface(
 
 def cost_surface(ax: Axes, translations: Array, log_values: Array, **style: Any) -> None:
     """Draw minus the logarithm of a surface, above its minimum: wells and walls on one scale."""
-    costs = log_values.max() - log_values
-    surface(ax, translations, costs, ylabel="−log density", **style)
+    surface(ax, translations, log_values.max() - log_values, ylabel="−log density", **style)
     ax.set_yscale("asinh", linear_width=SOFT)
-    write_out_ticks(ax.yaxis, [tick for tick in (0, 5, 50, 500) if tick < costs.max()])
+    write_out_ticks(ax.yaxis, [tick for tick in (0, 5, 50, 500) if tick < ax.dataLim.y1])
 
 
 def both_sets(

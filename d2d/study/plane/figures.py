@@ -66,7 +66,7 @@ def cost_panels(
 
     There are two figures: for a phone, and as wide as the page.
     """
-    for layout, size, high in (("ab;cd", (5.0, 5.6), 1.0), ("abc;ddd", (PAGE, 5.2), 1.7)):
+    for layout, size, high in (("ab;cd", (5.0, 5.6), 1.0), ("abc;ddd", (PAGE, 5.4), 1.5)):
         figure, panels = plt.subplot_mosaic(layout, figsize=size, height_ratios=(high, 1.0))
         *maps, cuts = panels.values()
         for letter, ax, (name, cost) in zip("abc", maps, costs.items(), strict=True):
@@ -75,11 +75,11 @@ def cost_panels(
             profile = rotation_profile(cost, *sets, scenario.theta, ROTATIONS)
             above = np.maximum(profile.max() - profile, LOWEST_COST)
             cuts.plot(np.rad2deg(ROTATIONS), above, **cost_line(name))
-            below = -16 if name == "summing" else 3
-            place, look = (-39.0, above[:60].max()), LOOKS[name]
-            label(cuts, place, look.name.split()[0], look.color, (0, below))
+            below, look = name == "summing", LOOKS[name]
+            place = -39.0, above[:60].min() if below else above[:60].max()
+            label(cuts, place, look.name.split()[0], look.color, (0, -11 if below else 2))
         cuts.axvline(0.0, **TRUTH)
-        cuts.set(yscale="log", ylim=(LOWEST_COST, 2e4), title="(d) over the rotation")
+        cuts.set(yscale="log", ylim=(LOWEST_COST, 8e3), title="(d) over the rotation")
         cuts.set(xlabel="φ − truth (°)", ylabel="−log density", xmargin=0.0)
         cost_bar(figure, mesh, maps)
         headline(figure, finding)
@@ -118,7 +118,7 @@ def bounds_columns(scenario: Scenario, names: Sequence[str], finding: str) -> No
                 error_bands(ax, np.arange(200.0), errors[:, k], sigma[:200, k], *LABELS[k])
                 ratio = np.nanmedian(sigma[:, k]) / np.sqrt(np.mean(result.errors[:, k] ** 2))
                 stated = f"stated {ratio / IN_LABEL_UNITS[k]:.1f} × actual"
-                ax.text(195.0, 0.45 * limits[k], stated, fontsize=9, ha="right", va="center")
+                ax.text(195.0, 0.52 * limits[k], stated, fontsize=9, ha="right", va="center")
             column[2].set_xlabel("run")
         headline(figure, finding)
         _head_columns(axes, names)
@@ -239,4 +239,5 @@ def error_shares(
 
 def name_curves(ax: Axes) -> None:
     """Name the curves of errors in the corner that no curve enters."""
-    ax.legend(loc="upper left", labelcolor="linecolor", handlelength=1.3, borderaxespad=0.1)
+    small: dict[str, float] = {"fontsize": 8.5, "handlelength": 1.1, "handletextpad": 0.4}
+    ax.legend(loc="upper left", labelcolor="linecolor", borderaxespad=0.1, **small)
