@@ -118,7 +118,7 @@ def bounds_columns(scenario: Scenario, names: Sequence[str], finding: str) -> No
                 error_bands(ax, np.arange(200.0), errors[:, k], sigma[:200, k], *LABELS[k])
                 ratio = np.nanmedian(sigma[:, k]) / np.sqrt(np.mean(result.errors[:, k] ** 2))
                 stated = f"stated {ratio / IN_LABEL_UNITS[k]:.1f} × actual"
-                ax.text(195.0, 0.52 * limits[k], stated, fontsize=9, ha="right", va="center")
+                ax.text(195.0, 0.48 * limits[k], stated, fontsize=9, ha="right", va="center")
             column[2].set_xlabel("run")
         headline(figure, finding)
         _head_columns(axes, names)
@@ -201,7 +201,7 @@ def cost_map(ax: Axes, offsets: Array, log_values: Array, title: str = "") -> Qu
     long = [max(each, default=0.0) > 6.0 for each in spans]
     ax.clabel(lines, np.asarray(lines.levels)[long], fontsize=9)
     corner: dict[str, Any] = {"fontsize": 9, "ha": "right", "path_effects": HALO}
-    ax.text(0.97, 0.03, f"highest {above.max():.0f}", transform=ax.transAxes, **corner)
+    ax.text(0.94, 0.07, f"highest {above.max():.0f}", transform=ax.transAxes, **corner)
     ax.grid(False)
     ax.set(xlabel="$t_x$ − truth (m)", aspect="equal", title=title)
     ax.set(xticks=[-5, 0, 5], yticks=[-5, 0, 5])
