@@ -53,11 +53,9 @@ class NumpyCost:
         cxy = c * s * (self.mxx - self.myy) + (c * c - s * s) * self.mxy
         cyy = s * s * self.mxx + 2.0 * c * s * self.mxy + c * c * self.myy
         dx, dy = (x + theta[0])[:, None] - self.fx, (y + theta[1])[:, None] - self.fy
-        sxx, sxy, syy = (
-            cxx[:, None] + self.fxx,
-            cxy[:, None] + self.fxy,
-            cyy[:, None] + self.fyy,
-        )
+        sxx = cxx[:, None] + self.fxx
+        sxy = cxy[:, None] + self.fxy
+        syy = cyy[:, None] + self.fyy
         inverse = 1.0 / (sxx * syy - sxy * sxy)
         ux, uy = (syy * dx - sxy * dy) * inverse, (sxx * dy - sxy * dx) * inverse
         logs = self.log_weight + 0.5 * (np.log(inverse) - dx * ux - dy * uy)

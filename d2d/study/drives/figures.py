@@ -105,7 +105,9 @@ def platform(ax: Axes, mounting: Mounting, sensor: Sensor) -> None:
     _field_of_view(ax, mounting, sensor, length=view_length, alpha=0.35)
     ax.plot(*sensor_position, "s", color=PURPLE, ms=8)
     label(ax, sensor_position, "radar", PURPLE, (9, -4))
-    label(ax, (mounting.x + 0.55 * view_length, 0.0), f"±{half:.0f}°", PURPLE, (-14, -4))
+    reach = f"{half:.0f}° to either side,\n{sensor.max_range:g} m far"
+    label(ax, (mounting.x + 0.4 * view_length, 0.0), reach, PURPLE, (-4, -10))
+    label(ax, (-0.5, -0.62), "1 m long", GREY, (0, 0))
     _arrow(ax, (0, 0), (0.3, 0), BLACK)
     _arrow(ax, (0, 0), (0, 0.3), BLACK)
     label(ax, (0.24, 0), "$x$", BLACK, (-2, 4))
@@ -173,9 +175,11 @@ def error_columns(
             edge = np.where(np.abs(values) > limit, np.sign(values) * 0.97 * limit, np.nan)
             ax.plot(comparison.times, values, ".", ms=1.5, color=ROBUST)
             ax.plot(comparison.times, edge, "x", ms=3, color=BLACK)
+            rmse = f"RMSE {comparison.rmse[row]:.2g} {UNITS[row]}"
+            ax.set_title(rmse, loc="right", fontsize=8)
             ax.axhline(0.0, **TRUTH)
             ax.set_ylim(-limit, limit)
-        axes[0, column].set_title(f"({'abc'[column]}) {name}", loc="center")
+        axes[0, column].set_title(f"({'abc'[column]}) {name}\n")
         axes[-1, column].set_xlabel("time (s)")
     for ax, symbol, unit in zip(axes[:, 0], SYMBOLS, UNITS, strict=True):
         ax.set_ylabel(f"{symbol} ({unit})")

@@ -4,12 +4,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from d2d.radar import (
-    Drive,
-    Track,
-    estimate_ego_motion,
-    propagate_ego_motion,
-)
+from d2d.radar import Drive, Track, estimate_ego_motion, propagate_ego_motion
 from d2d.study.runs import StatedCovariances
 
 COVARIANCES = ("inverse Hessian", "propagated, errors apart", "propagated, error shared")

@@ -120,7 +120,7 @@ def symptom_table(symptoms: Sequence[Symptom], caption: str = "") -> Table:
     return table(rows, ["what is wrong", *columns, "ANEES", "most failures"], caption)
 
 
-def draw_atlas(figure: Figure, cards: Mapping[str, tuple[str, str]]) -> None:
+def draw_atlas(figure: Figure, cards: Mapping[str, tuple[str, str]], columns: int) -> None:
     """Draw a card for each fault: the path, the Doppler velocities of one scan, and the cure.
 
     The values of ``cards`` are what the path looks like and what undoes the fault.
@@ -128,17 +128,18 @@ def draw_atlas(figure: Figure, cards: Mapping[str, tuple[str, str]]) -> None:
     truth = front_drive().truth
     swift = np.where(truth.theta[:, 0] > _NYQUIST, np.abs(truth.theta[:, 2]), 0.0)
     bend = int(np.argmax(swift))  # where the car turns, and is fast enough to fold
-    places = figure.subfigures(len(cards) // 2, 2, squeeze=False, hspace=0.04).ravel()
+    places = figure.subfigures(len(cards) // columns, columns, squeeze=False).ravel()
+    edges = {"left": 0.02, "right": 0.98, "bottom": 0.33, "top": 0.86, "wspace": 0.4}
     for place, letter, (fault, (looks, cure)) in zip(
         places, string.ascii_lowercase, cards.items(), strict=False
     ):
         scans, mounting, driven = _lap(fault)
-        path, fan = place.subplots(1, 2, width_ratios=(1.0, 1.1))
+        path, fan = place.subplots(1, 2, gridspec_kw=edges)
         _draw_path(path, driven, truth)
         _draw_fan(fan, scans[bend], truth.theta[bend], mounting)
         share = f"{100 * driven.converged.mean():.0f} % accepted"
-        place.suptitle(f"({letter}) {looks}", x=0.02, ha="left", fontsize=9, weight="bold")
-        place.supxlabel(f"{fault}, {share}\n{cure}", x=0.02, ha="left", fontsize=8.5)
+        place.suptitle(f"({letter}) {looks}", x=0.02, ha="left", fontsize=10, weight="bold")
+        place.text(0.02, 0.05, f"{fault}, {share}\n{cure}", fontsize=9)
 
 
 def _draw_path(ax: Axes, driven: Track, truth: Reference) -> None:
@@ -146,11 +147,11 @@ def _draw_path(ax: Axes, driven: Track, truth: Reference) -> None:
     poses = driven.poses(truth.poses[0])
     ax.plot(*truth.poses[:, :2].T, **TRUTH)
     ax.plot(*poses[:, :2].T, color=COSTS["robust"].color)
-    ax.plot(*poses[1:][~driven.converged, :2].T, "x", color=PINK, ms=2)
+    ax.plot(*poses[1:][~driven.converged, :2].T, "x", color=PINK, ms=3)
     ax.plot(*truth.poses[0, :2], "o", color=BLACK, ms=4)
     tail, head = poses[len(poses) // 12 + np.array([0, 6]), :2]
     ax.annotate("", head, tail, arrowprops={"arrowstyle": "-|>", "mutation_scale": 12, "fc": BLACK})
-    ax.set(xlim=(-80, 80), ylim=(-80, 85), aspect="equal")  # m
+    ax.set_aspect("equal", adjustable="datalim")
     ax.set_axis_off()
 
 
@@ -158,7 +159,9 @@ def _draw_fan(ax: Axes, scan: RadarScan, theta: Array, mounting: Mounting) -> No
     """The Doppler velocities of a scan, and those of targets at rest as the mounting has them."""
     azimuth = np.deg2rad(np.linspace(-60.0, 60.0, 121))
     ax.plot(np.rad2deg(azimuth), doppler_velocity(theta, azimuth, mounting), **TRUTH)
-    ax.plot(np.rad2deg(scan.azimuth), scan.doppler, ".", color=MOVING, ms=4)
+    expected = doppler_velocity(theta, scan.azimuth, mounting)
+    ax.vlines(np.rad2deg(scan.azimuth), expected, scan.doppler, MOVING, lw=0.8, alpha=0.5)
+    ax.plot(np.rad2deg(scan.azimuth), scan.doppler, ".", color=MOVING, ms=5)
     ax.set(xlim=(-62, 62), ylim=(-13, 13), xticks=[-45, 0, 45], yticks=[-10, 0, 10])
     ax.xaxis.set_major_formatter("{x:.0f}°")
-    ax.tick_params(labelsize=7, pad=1)
+    ax.yaxis.set_major_formatter("{x:.0f} m/s")

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from d2d.study.book.drawing import intervals
 from d2d.study.book.grammar import BLACK, COVARIANCES, OTHERS, TRUTH
-from d2d.study.book.style import PAGE
+from d2d.study.book.style import PAGE, letter_panels, write_out_ticks
 from d2d.study.book.table import Column, Table, table
 from d2d.study.drives.errors import NAMES, UNITS
 
@@ -66,27 +66,31 @@ def draw_scores(judged: Mapping[str, Mapping[str, Any]], wide: bool = False) -> 
         inside = [100.0 * each["inside"] for each in found]
         axes[1].plot(inside, places + offset, **marks, ms=6)
     axes[0].set_xscale("log")
+    write_out_ticks(axes[0].xaxis, (0.5, 1, 2, 5, 10, 20))
     axes[0].axvline(1.0, **TRUTH)
     axes[1].axvline(95.0, **TRUTH)
-    axes[0].set(xlabel="ANEES", yticks=places, yticklabels=list(judged))
-    axes[1].set(xlabel="in the 95 % region (%)", xlim=(0, 102))
+    axes[0].set(xlabel="ANEES", title="(a) 1 is right", yticks=places, yticklabels=list(judged))
+    axes[1].set(xlabel="in the 95 % region (%)", xlim=(0, 102), title="(b) 95 % is right")
     handles = axes[0].get_legend_handles_labels()
     figure.legend(*handles, loc="outside lower center", ncols=3 if wide else 2)
     return figure
 
 
 def draw_horizons(drives: Mapping[str, Sequence[Mapping[str, Any]]]) -> Figure:
-    """Error of the yaw rate, and the log score, against the time between the scans of a pair."""
-    figure, axes = plt.subplots(1, 2, figsize=(5.0, 3.4), sharex=True)
+    """Error of the yaw rate and log score beside each drive's best, by time between the scans."""
+    figure, axes = plt.subplots(2, figsize=(5.0, 4.6), sharex=True)
     looks = zip(drives.items(), (BLACK, *OTHERS), _MARKS, strict=False)
     for (name, rows), color, mark in looks:
         horizon = [row["horizon"] for row in rows]
+        rmse = np.array([row["rmse"][2] for row in rows])
+        score = np.array([row["log_score"] for row in rows])
         style: dict[str, Any] = {"marker": mark, "ms": 4.5, "color": color, "label": name}
-        axes[0].plot(horizon, [row["rmse"][2] for row in rows], **style)
-        axes[1].plot(horizon, [row["log_score"] for row in rows], **style)
+        axes[0].plot(horizon, rmse / rmse.min(), **style)
+        axes[1].plot(horizon, score - score.min(), **style)
     for ax in axes:
-        ax.axvline(0.3, **TRUTH)
-    axes[0].set(xlabel="horizon (s)", ylabel="RMSE of ω (°/s)", ylim=(0, None))
-    axes[1].set(xlabel="horizon (s)", ylabel="log score (lower is better)")
-    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
+        ax.axvline(0.3, ymax=0.3, **TRUTH)
+    axes[0].legend(loc="upper center", labelcolor="linecolor")
+    axes[0].set(title="RMSE of ω over the drive's best", ylim=(0.95, 2.4))
+    axes[1].set(title="log score less the drive's best", xlabel="horizon (s)")
+    letter_panels(axes)
     return figure

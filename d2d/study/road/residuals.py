@@ -19,12 +19,7 @@ from numpy.typing import NDArray
 from d2d import rigid
 from d2d._types import Array
 from d2d.radar import Recording, Reference, Track, inlier_probabilities
-from d2d.radar.evaluation.calibration_model import (
-    CalibrationModel,
-    ScanVelocities,
-    fit,
-    fit_at,
-)
+from d2d.radar.evaluation.calibration_model import CalibrationModel, ScanVelocities, fit, fit_at
 from d2d.radar.scans.scan import Mounting, RadarScan, doppler_gradients
 
 MAX_OFFSET = 0.25  # s, the largest time offset considered

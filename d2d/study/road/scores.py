@@ -9,13 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from d2d.radar import (
-    Comparison,
-    ErrorBudget,
-    compare_halves,
-    compare_tracks,
-    track,
-)
+from d2d.radar import Comparison, ErrorBudget, compare_halves, compare_tracks, track
 from d2d.study.results import read_json, results_path, write_json
 from d2d.study.road.drive import Drive, Source, pick
 from d2d.study.road.extrapolation import fit_scenes

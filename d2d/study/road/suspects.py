@@ -92,7 +92,8 @@ def draw_choices(
     rows = np.arange(len(judged))[::-1]
     factors = np.array([found.rmse / judged[beside].rmse for found in judged.values()])
     for found, symbol, (marker, color, above) in zip(factors.T, SYMBOLS, _MARKS, strict=True):
-        ax.plot(found, rows + above, marker, color=color, ms=6, label=symbol)
+        ax.plot(found, rows + above, marker, color=color, ms=6)
+        ax.text(1.12 * found[1], rows[1] + above, symbol, color=color, va="center")
     for first in groups:
         ax.axhline(len(judged) - first - 0.5, color="0.8", lw=0.8)
     ax.axvline(1.0, **TRUTH)
