@@ -24,7 +24,7 @@ def check_real(name: str, value: ArrayLike) -> Array:
         raise ValueError(f"{name} must be an array of real numbers: {error}") from None
     if raw.dtype.kind not in "biuf":
         raise ValueError(f"{name} must be an array of real numbers, but is of type {raw.dtype}")
-    if np.ma.is_masked(value):
+    if type(value) is not np.ndarray and np.ma.is_masked(value):
         raise ValueError(f"{name} must not hold masked entries; remove them first")
     return raw.astype(np.float64)
 

@@ -1,8 +1,8 @@
 """Clock, speed, slip and mountings with which a reference fits Doppler velocities best."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
@@ -54,7 +54,7 @@ def _triangle(scan: RadarScan, mounting: Mounting) -> tuple[Array, int]:
     gain, slope = doppler_gradients(static.azimuth, mounting)
     sigma = np.hypot(static.sigma_doppler, static.sigma_azimuth * (slope @ motion.theta))
     rows = np.column_stack([gain[:, :2], static.doppler]) / sigma[:, None]
-    return np.linalg.qr(np.pad(rows, [(0, 3), (0, 0)])).R, static.size
+    return np.linalg.qr(np.concatenate([rows, np.zeros((3, 3))])).R, static.size
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +93,7 @@ class CalibrationModel:
         return np.concatenate(parts, axis=1)
 
     def residuals(self, parameters: Array, motion: Array) -> tuple[Array, Array]:
-        """Residuals (n, 3) over sigma in a `motion`, and slopes (n, 3, P), zero for the lag."""
+        """Residuals (3, n) over sigma in a `motion`, and slopes (3, P, n), zero for the lag."""
         (v, rate), (sensor, place, _, triangle, _) = motion, self.velocities
         slip, yaw = np.split(parameters[2:-1], [len(self.powers)])
         turn, omega = np.exp(-1.0j * yaw[sensor]), rate - parameters[-1]
@@ -103,11 +103,9 @@ class CalibrationModel:
         of_yaw = -1.0j * velocity * (sensor == np.arange(len(yaw))[:, None])
         rows = [velocity, 0.0 * v, v * turn, *(1.0j * omega * turn * powers), *of_yaw, -arm * turn]
         parts = np.array(rows)
-        measured = np.zeros(parts.shape)
-        measured[0] = 1.0
-        vectors = np.stack([-parts.real, -parts.imag, measured])
-        found = np.einsum("kij,jpk->kip", triangle, vectors)
-        return found[..., 0], found[..., 1:]
+        along, across, measured = np.ascontiguousarray(triangle.T)  # (3, n) each
+        found = -(along[:, None] * parts.real + across[:, None] * parts.imag)
+        return found[:, 0] + measured, found[:, 1:]
 
 
 class Fit(NamedTuple):
@@ -127,17 +125,19 @@ def fit_at(model: CalibrationModel, lag: float) -> Fit:
             "the references of recordings must cover the times of the scans, but cover none at a "
             f"lag of {lag:+.3f} s; is max_lag longer than the drive?"
         )
+    seen: Any = (column[known] for column in model.velocities)
+    model, motion = replace(model, velocities=ScanVelocities(*seen)), motion[:, known]
     parameters, free = model.start.copy(), model.free.copy()
     parameters[0], free[0] = lag, False
     for _ in range(_MAX_ITERATIONS):
-        residuals, slopes = (each[known] for each in model.residuals(parameters, motion))
-        columns = slopes[..., free].reshape(-1, free.sum())
-        step = -_inverse_information(columns) @ (columns.T @ residuals.ravel())
+        residuals, slopes = model.residuals(parameters, motion)
+        rows = slopes[:, free].swapaxes(0, 1).reshape(free.sum(), -1)
+        step = -_inverse_information(rows) @ (rows @ residuals.ravel())
         parameters[free] += step
         if np.abs(step).max() < _TOLERANCE:
             break
-    squares = model.residuals(parameters, motion)[0][known] ** 2
-    return Fit(parameters, float(squares.sum() / model.velocities.targets[known].sum()), known)
+    squares = model.residuals(parameters, motion)[0] ** 2
+    return Fit(parameters, float(squares.sum() / model.velocities.targets.sum()), known)
 
 
 def fit(model: CalibrationModel, low: float, high: float) -> Fit:
@@ -159,7 +159,7 @@ def fit(model: CalibrationModel, low: float, high: float) -> Fit:
 def agreeing(model: CalibrationModel, found: Fit) -> NDArray[np.bool_]:
     """Mask (n,) of scans that deviate by at most five times the median of their sensor."""
     residuals, _ = model.residuals(found.parameters, model.motion(found.parameters[0]))
-    deviation = np.linalg.norm(residuals[:, :2], axis=1)
+    deviation = np.linalg.norm(residuals[:2], axis=0)
     agree = np.zeros(len(deviation), dtype=np.bool_)
     for s in range(len(model.references)):
         own = (model.velocities.sensor == s) & np.isfinite(deviation)
@@ -173,11 +173,10 @@ def covariance(model: CalibrationModel, found: Fit) -> tuple[Array, float]:
     (residuals, slopes), (later, _), (earlier, _) = (
         model.residuals(found.parameters, each) for each in motions
     )
-    slopes[..., 0] = np.nan_to_num((later - earlier) / (2.0 * _LATER))  # edges of a reference
-    slopes = slopes[found.known][..., model.free]
-    columns = slopes.reshape(-1, slopes.shape[-1])
-    inverse = _inverse_information(columns)
-    influences = -np.einsum("kia,ki->ka", slopes, residuals[found.known]) @ inverse
+    slopes[:, 0] = np.nan_to_num((later - earlier) / (2.0 * _LATER))  # edges of a reference
+    slopes = slopes[:, model.free][..., found.known].swapaxes(0, 1)
+    inverse = _inverse_information(slopes.reshape(len(slopes), -1))
+    influences = -np.einsum("aik,ik->ka", slopes, residuals[:, found.known]) @ inverse
     # sums over successive intervals, each as long as the usual one between scans of a sensor
     times, sensor = model.velocities.time[found.known], model.velocities.sensor[found.known]
     order = np.lexsort([times, sensor])
@@ -194,10 +193,10 @@ def covariance(model: CalibrationModel, found: Fit) -> tuple[Array, float]:
     return placed, block * interval
 
 
-def _inverse_information(columns: Array) -> Array:
-    """The inverse (P, P) of the information of residuals with these slopes (m, P)."""
-    scale = np.linalg.norm(columns, axis=0)
+def _inverse_information(slopes: Array) -> Array:
+    """The inverse (P, P) of the information of residuals with these slopes (P, m)."""
+    scale = np.linalg.norm(slopes, axis=1)
     scale[scale == 0.0] = 1.0
     units = np.outer(scale, scale)
     ridge = _RIDGE * np.eye(len(scale))
-    return np.asarray(np.linalg.inv(columns.T @ columns / units + ridge) / units)
+    return np.asarray(np.linalg.inv(slopes @ slopes.T / units + ridge) / units)

@@ -133,7 +133,7 @@ def doppler_ego_motion(views: Iterable[View], *, side_slip: bool = True) -> Dopp
         np.concatenate, zip(*rows, strict=True)
     )
     free = np.array([True, check_flag("side_slip", side_slip), True])
-    theta, covariance = np.zeros(3), np.full((3, 3), np.nan)
+    theta, covariance, rank = np.zeros(3), np.full((3, 3), np.nan), 0
     sigma = sigma_doppler
     for _ in range(_MAX_ITERATIONS if inliers.any() else 0):
         weights = 1.0 / sigma[inliers]
@@ -144,15 +144,14 @@ def doppler_ego_motion(views: Iterable[View], *, side_slip: bool = True) -> Dopp
         )
         moved = np.abs(theta[free] - solution / scale).max()
         theta[free] = solution / scale
-        covariance = np.full((3, 3), np.nan)
-        if rank == free.sum():
-            covariance = np.zeros((3, 3))
-            covariance[np.ix_(free, free)] = np.linalg.inv(system.T @ system)
         sigma = np.hypot(sigma_doppler, sigma_azimuth * (slopes @ theta))
         agree = np.abs(doppler - gains @ theta) < _GATE * sigma
         if not agree.any() or (moved < _TOLERANCE and (agree == inliers).all()):
             break
         inliers = agree
+    if rank == free.sum():
+        covariance = np.zeros((3, 3))
+        covariance[np.ix_(free, free)] = np.linalg.inv(system.T @ system)
     return DopplerMotion(theta, covariance, tuple(np.split(inliers, edges)))
 
 

@@ -38,7 +38,9 @@ SIGMA_STEPS = np.array([[0.0625], [0.001], [0.0625]])
 MAX_STEPS = 63
 
 _MAX_CLUTTER_DOPPLER = 10.0  # m/s
-_TARGET: Any = {"formats": "U10, i8, f8, f8, f8", "names": "kind, point, range, azimuth, doppler"}
+_TARGET = np.dtype(
+    [("kind", "U10"), ("point", "i8"), ("range", "f8"), ("azimuth", "f8"), ("doppler", "f8")]
+)
 _RIDGE = 1e-9  # relative variance that keeps points at the same place from a singular covariance
 
 
@@ -181,7 +183,7 @@ def drive_along(
         scan, which = _measured(rng, float(times[i]), true, power, sensor, errors)
         point = np.append(point, -1)[which]
         scans.append(scan)
-        targets.append(np.rec.fromarrays([kind[point], point, *true[:, which]], **_TARGET))
+        targets.append(np.rec.fromarrays([kind[point], point, *true[:, which]], _TARGET))
     return Drive(scans, mounting, motion(times), targets, world)
 
 
