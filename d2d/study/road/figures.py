@@ -78,7 +78,7 @@ def draw_scores(judged: Mapping[str, Mapping[str, Any]], wide: bool = False) -> 
 
 def draw_horizons(drives: Mapping[str, Sequence[Mapping[str, Any]]]) -> Figure:
     """Error of the yaw rate and log score beside each drive's best, by time between the scans."""
-    figure, axes = plt.subplots(2, figsize=(5.0, 4.6), sharex=True)
+    figure, axes = plt.subplots(2, figsize=(5.0, 4.8), sharex=True)
     looks = zip(drives.items(), (BLACK, *OTHERS), _MARKS, strict=False)
     for (name, rows), color, mark in looks:
         horizon = [row["horizon"] for row in rows]
@@ -88,9 +88,9 @@ def draw_horizons(drives: Mapping[str, Sequence[Mapping[str, Any]]]) -> Figure:
         axes[0].plot(horizon, rmse / rmse.min(), **style)
         axes[1].plot(horizon, score - score.min(), **style)
     for ax in axes:
-        ax.axvline(0.3, ymax=0.3, **TRUTH)
-    axes[0].legend(loc="upper center", labelcolor="linecolor")
-    axes[0].set(title="RMSE of ω over the drive's best", ylim=(0.95, 2.4))
+        ax.axvline(0.3, ymax=0.55, **TRUTH)
+    axes[0].legend(loc="upper center", ncols=2, labelcolor="linecolor")
+    axes[0].set(title="RMSE of ω over the drive's best", ylim=(0.95, 2.3))
     axes[1].set(title="log score less the drive's best", xlabel="horizon (s)")
     letter_panels(axes)
     return figure
