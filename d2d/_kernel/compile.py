@@ -125,9 +125,9 @@ class _KernelCache(FunctionCache):  # type: ignore[misc]
         self._cache_file._source_stamp = _STAMP
 
     def load_overload(self, *which: Any) -> Any:
-        """Load the compiled function that was stored, or None if there is none that can be read."""
+        """Load a stored function, without what only compiling needs; None if it cannot be read."""
         try:
-            return super().load_overload(*which)
+            return self._load_overload(*which)
         except OSError:
             return None
         except Exception:  # unpickling a damaged file can raise anything

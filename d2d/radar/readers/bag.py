@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from d2d._checks import check_path
 from d2d._types import Array
@@ -205,11 +205,12 @@ def _mounting(path: Path, frame: str, base: str) -> Mounting:
             for each in bag.deserialize(raw, connection.msgtype).transforms:
                 child, parent = (n.strip("/") for n in (each.child_frame_id, each.header.frame_id))
                 parents[child] = parent, each.transform
-    place, turn, at, end = np.zeros(3), Rotation.identity(), frame.strip("/"), base.strip("/")
+    rotation = scipy.spatial.transform.Rotation
+    place, turn, at, end = np.zeros(3), rotation.identity(), frame.strip("/"), base.strip("/")
     for _ in range(len(parents)):
         if at != end and at in parents:
             at, transform = parents[at]
-            step = Rotation.from_quat([getattr(transform.rotation, name) for name in "xyzw"])
+            step = rotation.from_quat([getattr(transform.rotation, name) for name in "xyzw"])
             arm = [getattr(transform.translation, name) for name in "xyz"]
             place, turn = step.apply(place) + arm, step * turn
     if at != end:

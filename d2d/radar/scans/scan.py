@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial.transform import Rotation
 
 from d2d import rigid
 from d2d._checks import (
@@ -331,8 +330,9 @@ def level(scan: RadarScan, mounting: Mounting) -> tuple[RadarScan, Mounting]:
     """
     if not (mounting.pitch or mounting.roll or scan.elevation.any()):
         return scan, mounting
-    turn = Rotation.from_euler("xy", [mounting.roll, mounting.pitch]).as_matrix()
-    to_plane = turn[0] + 1.0j * turn[1]  # x and y as a complex number
+    tilts = [mounting.pitch, mounting.roll]
+    (c, d), (s, t) = np.cos(tilts), np.sin(tilts)
+    to_plane = np.array([c, s * t + 1.0j * d, s * d - 1.0j * t])  # x and y as a complex number
     sight = to_plane @ _sight(scan.azimuth, scan.elevation)
     seen = np.abs(sight) > _STEEPEST
     if not seen.all():
@@ -376,15 +376,6 @@ def _direction(scan: RadarScan, mounting: Mounting) -> tuple[Array, Array]:
     """Cosine and sine (K,) of the targets' azimuths in the vehicle frame."""
     angle = scan.azimuth + mounting.yaw
     return read_only(np.cos(angle), -1), read_only(np.sin(angle), -1)
-
-
-@lru_cache(maxsize=64)
-def cross_range(scan: RadarScan, mounting: Mounting) -> Array:
-    """Derivative (K, 2) of each target's position in its azimuth, in m/rad in the vehicle frame."""
-    means = _placed(scan, mounting).means
-    slope = np.empty_like(means)
-    slope[:, 0], slope[:, 1] = mounting.y - means[:, 1], means[:, 0] - mounting.x
-    return read_only(slope, -1, 2)
 
 
 def doppler_gradients(azimuth: Array, mounting: Mounting) -> tuple[Array, Array]:
