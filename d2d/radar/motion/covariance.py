@@ -7,6 +7,7 @@ targets share is the sum of their influences, times the error.
 """
 
 from collections.abc import Iterable, Sequence
+from itertools import pairwise
 from typing import Any, NamedTuple, Unpack
 
 import numpy as np
@@ -22,7 +23,7 @@ from d2d.problem import Bound, Estimate, Problem
 from d2d.radar.motion.model import EgoMotionModel, ModelOptions
 from d2d.radar.motion.pairs import ScanPair, following, middle_of, problem_of, scan_pairs
 from d2d.radar.scans.budget import ErrorBudget
-from d2d.radar.scans.scan import Mounting, RadarScan, cross_range
+from d2d.radar.scans.scan import Mounting, RadarScan
 
 
 def propagate_ego_motion(
@@ -78,10 +79,11 @@ class Influence(NamedTuple):
     doppler: Array  # (K, 3) per m/s
     prediction: Array  # (K, 3) per rad of azimuth, by the predicted Doppler velocity alone
     share: Array  # (K,) of the inliers in the density of current targets
+    means: Array  # (K, 2), the positions
     covariances: Array  # (K, 2, 2) of the positions, as the cost has them
     sigma_azimuth: Array  # (K,)
     sigma_doppler: Array  # (K,)
-    starts: NDArray[Any]  # (2 P,) the first target of each scan
+    edges: NDArray[Any]  # (2 P + 1,) where the targets of each scan begin, and K
 
 
 def influences(problem: Problem, bound: Bound, pairs: Sequence[ScanPair]) -> Influence:
@@ -89,20 +91,22 @@ def influences(problem: Problem, bound: Bound, pairs: Sequence[ScanPair]) -> Inf
     cross = problem.cross_derivatives(bound)
     scans = [(pair.previous, pair.mounting) for pair in pairs]
     scans += [(pair.current, pair.mounting) for pair in pairs]
-    sets = [pair.fixed for pair in problem.pairs] + [pair.moving for pair in problem.pairs]
+    sets, sizes = [scan.point_set(at) for scan, at in scans], [scan.size for scan, _ in scans]
+    means = np.concatenate([points.means for points in sets])
+    away = means - np.repeat([(at.x, at.y) for _, at in scans], sizes, axis=0)
     none = np.zeros((cross.fixed.shape[1], 3))
     position = np.concatenate([cross.fixed[0], cross.moving[0]])
-    across = np.concatenate([cross_range(*scan) for scan in scans])
     return Influence(
         position,
-        np.einsum("kij,kj->ki", position, across),
+        position[..., 1] * away[:, :1] - position[..., 0] * away[:, 1:],
         np.concatenate([none, cross.measured[0]]),
         np.concatenate([none, cross.input[0]]),
         np.concatenate([none[:, 0], cross.share[0]]),
+        means,
         np.concatenate([points.covariances for points in sets]),
         np.concatenate([scan.sigma_azimuth for scan, _ in scans]),
         np.concatenate([scan.sigma_doppler for scan, _ in scans]),
-        np.cumsum([0, *(points.size for points in sets[:-1])]),
+        np.cumsum([0, *sizes]),
     )
 
 
@@ -114,7 +118,7 @@ def of_scans(found: Influence, pairs: Sequence[ScanPair]) -> Influence:
     firsts: dict[tuple[object, ...], int] = {}
     places = []  # of each target, where those of the same scan begin
     scans = [pair.previous for pair in pairs] + [pair.current for pair in pairs]
-    for scan, pair, start in zip(scans, [*pairs, *pairs], found.starts.tolist(), strict=True):
+    for scan, pair, start in zip(scans, [*pairs, *pairs], found.edges[:-1].tolist(), strict=True):
         arrays = (value for value in vars(scan).values() if isinstance(value, np.ndarray))
         key = (pair.mounting, scan.time, *(array.tobytes() for array in arrays))
         places.append(firsts.setdefault(key, start) + np.arange(scan.size))
@@ -124,19 +128,21 @@ def of_scans(found: Influence, pairs: Sequence[ScanPair]) -> Influence:
     return found._replace(**dict(zip(found._fields, sums, strict=False)))
 
 
-def add_noise(own: Influence, shared_azimuth: bool, noise: Array) -> None:
+def add_noise(own: Influence, shared_azimuth: bool, noise: Array, first: int = 0) -> None:
     """Add the covariance (3, 3) of the gradient due to the targets' own, independent errors.
 
+    Doppler velocities of targets before the ``first`` have no influence.
     With ``shared_azimuth``, a single azimuth error of each target turns its position and changes
     its predicted Doppler velocity; else two independent ones do.  The rest of the positions'
     covariances, range and extent, belongs to the positions alone.
     """
     add_positions(own.position[None], own.covariances[None], noise[None])
-    doppler = own.sigma_doppler[:, None] * own.doppler
-    turned = own.sigma_azimuth[:, None] * own.prediction
+    sigma_azimuth = own.sigma_azimuth[first:, None]
+    doppler = own.sigma_doppler[first:, None] * own.doppler[first:]
+    turned = sigma_azimuth * own.prediction[first:]
     noise += doppler.T @ doppler + turned.T @ turned
     if shared_azimuth:  # the positions' covariances hold the square of their own part
-        both = turned.T @ (own.sigma_azimuth[:, None] * own.azimuth)
+        both = turned.T @ (sigma_azimuth * own.azimuth[first:])
         noise += both + both.T
 
 
@@ -161,13 +167,7 @@ class _Measured(NamedTuple):
         variance = factors[:, layout.VARIANCE] + factors[:, layout.INPUT_VARIANCE] * turned**2
         return cls(factors[:, layout.VALUE], gain, turned, variance)
 
-    def marginalised(
-        self,
-        share: Array,
-        budget: ErrorBudget,
-        starts: NDArray[np.int_],
-        owner: NDArray[np.int_],
-    ) -> Array:
+    def marginalised(self, share: Array, budget: ErrorBudget, scans: Sequence[slice]) -> Array:
         """The loss of the targets' weights to shared errors, times their gains (K, 3).
 
         The cost has independent errors, which make Doppler velocities too sure, of omega above all.
@@ -175,14 +175,16 @@ class _Measured(NamedTuple):
 
             (W^-1 + B B')^-1 = W - W B (I + B' W B)^-1 B' W
         """
-        both = np.empty((len(owner), 5))  # B and the gains
+        both = np.empty((len(share), 5))  # B and the gains
         both[:, 0] = _MARGINALISED * budget.doppler
         both[:, 1] = _MARGINALISED * budget.azimuth * self.turned
         both[:, 2:] = self.gain
         weighted = (share / self.variance)[:, None] * both[:, :2]
-        sums = np.add.reduceat(weighted[:, :, None] * both[:, None], starts)
+        sums = np.array([weighted[scan].T @ both[scan] for scan in scans])
         pulls = np.linalg.solve(np.eye(2) + sums[..., :2], sums[..., 2:])
-        return np.asarray((weighted[:, None] @ pulls[owner])[:, 0])
+        return np.concatenate(
+            [weighted[scan] @ pull for scan, pull in zip(scans, pulls, strict=True)]
+        )
 
 
 class Budgeted(NamedTuple):
@@ -219,58 +221,57 @@ def apply_budget(
     found = influences(problem, bound, pairs)
     intervals = np.array([pair.interval for pair in pairs])
     times, common = np.array([pair.current.time for pair in pairs]), middle_of(pairs)
-    first = int(found.starts[count])  # of the current targets
-    starts = found.starts[count:] - first
-    owner = np.repeat(np.arange(count), [each.moving.size for each in problem.pairs])
+    starts, spans = found.edges[:-1], [*pairwise(found.edges.tolist())]  # of all scans
+    first = spans[count][0]  # of the current targets
+    scans = [slice(begin - first, end - first) for begin, end in spans[count:]]
     hessian, gradient = estimate.hessian, np.zeros(3)
-    measured = None
+    measured, doppler, scale = None, np.zeros((count, 3)), np.zeros(3)
     if problem.pairs[0].measurement is not None:
-        measured = _Measured.of(bound.batch.factors, estimate.theta, intervals[owner])
+        of_targets = intervals.repeat([pair.current.size for pair in pairs])
+        measured = _Measured.of(bound.batch.factors, estimate.theta, of_targets)
         if budget.azimuth or budget.doppler:  # else nothing is shared
-            lost = measured.marginalised(found.share[first:], budget, starts, owner)
+            lost = measured.marginalised(found.share[first:], budget, scans)
             found.doppler[first:] += lost
             found.prediction[first:] -= measured.turned[:, None] * lost
             hessian = hessian - measured.gain.T @ lost
             gradient = (measured.value - measured.gain @ estimate.theta) @ lost
     noise = np.zeros((3, 3))
-    add_noise(found, True, noise)
+    add_noise(found, True, noise, first)
     if budget.neighbours:
-        sets = [each.fixed for each in problem.pairs] + [each.moving for each in problem.pairs]
-        means = np.concatenate([points.means for points in sets])
-        sizes = [points.size for points in sets]
-        ends = np.cumsum(sizes).repeat(sizes)
-        order, memory = np.lexsort([means[:, 0], ends]), np.empty((9, len(means)))
-        of_targets = found.position, found.covariances, means, ends
-        add_dependence(*of_targets, order, budget.neighbours, memory, noise)
-    turned = np.add.reduceat(found.azimuth, found.starts)
+        ends = found.edges[1:].repeat(np.diff(found.edges))
+        order = [begin + found.means[begin:end, 0].argsort() for begin, end in spans]
+        targets = found.position, found.covariances, found.means, ends, np.concatenate(order)
+        add_dependence(*targets, budget.neighbours, np.empty((9, len(ends))), noise)
+    turned = np.add.reduceat(found.azimuth, starts)
     azimuth = turned[:count] + turned[count:]
     # the gradient's derivatives in small motions that follow those of the pairs
     moved = np.empty((count, 3, 3))
-    moved[..., :2] = np.add.reduceat(found.position[first:], starts)
+    moved[..., :2] = np.add.reduceat(found.position, starts[count:])
     levers = np.array([[-each.mounting.y, each.mounting.x] for each in pairs])
     moved[..., 2] = turned[count:] + np.einsum("pij,pj->pi", moved[..., :2], levers)
     # with [., .] the bracket of SE(2), a constant acceleration a moves a vehicle that turns by
     # exp(tau (theta + tau^2 / 12 [theta, a])), theta that in the middle (Magnus 1954)
     v_x, v_y, omega = estimate.theta.tolist()
     bracket = np.array([[0.0, -omega, v_y], [omega, 0.0, -v_x], [0.0, 0.0, 0.0]])
-    delayed, led = np.zeros((2, 3, 3))
-    for pair, own in zip(pairs, moved, strict=True):
+    delays, leads = np.empty((2, count, 3, 3))
+    for number, pair in enumerate(pairs):
         late = (pair.middle - time) * np.eye(3) + pair.interval**2 / 12.0 * bracket
-        share = -pair.interval * own
-        delayed += share @ following(pair.interval * estimate.theta) @ late
-        led -= (pair.middle - common) * share @ following(pair.interval * near)
-    doppler, scale = np.zeros((count, 3)), np.zeros(3)
+        share = -pair.interval * moved[number]
+        delays[number] = share @ following(pair.interval * estimate.theta) @ late
+        leads[number] = (common - pair.middle) * share @ following(pair.interval * near)
     if measured is not None:
         by_value = found.doppler[first:]
-        azimuth += np.add.reduceat(found.prediction[first:], starts)
-        doppler = np.add.reduceat(by_value, starts)
+        azimuth += np.add.reduceat(found.prediction, starts[count:])
+        doppler = np.add.reduceat(found.doppler, starts[count:])
         scale = np.concatenate([each.current.doppler for each in pairs]) @ by_value
-        delayed += (by_value * (times - time)[owner, None]).T @ measured.gain
-        led += (by_value * (common - times)[owner, None]).T @ measured.gain
+        gains = np.array([by_value[scan].T @ measured.gain[scan] for scan in scans])
+        delays += (times - time)[:, None, None] * gains
+        leads += (common - times)[:, None, None] * gains
     slip = [0.0, np.sqrt(problem.prior[1]), 0.0]  # of v_y, the only one that has a prior
     slow = np.empty((2 * count + 2, 3))
     slow[:count], slow[count:-2] = budget.azimuth * azimuth, budget.doppler * doppler
     slow[-2], slow[-1] = budget.scale * scale, slip
     covariance = np.asarray(np.linalg.inv(hessian), dtype=np.float64)
     white, gain = in_coordinates(covariance, noise), -covariance
-    return Budgeted(gain @ gradient, white, gain @ slow.T, gain @ delayed, gain @ led)
+    delay, lead = gain @ delays.sum(axis=0), gain @ leads.sum(axis=0)
+    return Budgeted(gain @ gradient, white, gain @ slow.T, delay, lead)

@@ -101,9 +101,9 @@ def problem_of(
         ahead = measurement = None
         if acceleration is not None and near is not None:
             ahead = (current.time - time) * acceleration
-            gained = (pair.middle - time) * (following(interval * near) @ acceleration)
-            if gained.any():
+            if pair.middle != time and acceleration.any():
                 # a small motion that follows the pair's own
+                gained = (pair.middle - time) * (following(interval * near) @ acceleration)
                 v_x, v_y, turn = (interval * gained).tolist()
                 shift = np.array([v_x - 0.5 * turn * v_y, v_y + 0.5 * turn * v_x])
                 means = moving.means @ rigid.rotation(-turn) + shift

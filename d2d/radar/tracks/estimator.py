@@ -1,4 +1,4 @@
-"""Ego-motion of one round after the other, each started at the last accepted velocity."""
+"""Ego-motion of one round after the other, each started where the one before leads."""
 
 import math
 from collections.abc import Sequence
@@ -67,7 +67,7 @@ class OdometryEstimator:
 
     model: EgoMotionModel
     scales: Sequence[float]
-    velocity: Array | None  # at which the next search starts, if it is known
+    velocity: Array | None  # where a search starts that no filter predicts, if known
     budget: ErrorBudget | None  # without one, the estimates are not filtered
     limits: VehicleLimits | None
     sensors: int  # how many
@@ -114,14 +114,15 @@ class OdometryEstimator:
         predicted = None if self.belief is None else predict(self.belief, time)
         if predicted is not None and rate is not None:
             predicted = update_yaw_rate(predicted, rate)
-        acceleration = np.zeros(3)
+        acceleration, start = np.zeros(3), self.velocity
         if predicted is not None:
-            acceleration = predicted.mean[3:6]
+            start, acceleration = predicted.mean[:6].reshape(2, 3)
+            start = start + (middle_of(pairs) - time) * acceleration
         elif self.budget is not None:
             first = doppler_acceleration(pairs if self.model.doppler else (), UNKNOWN)
             acceleration = first.value
         problem = problem_of(pairs, self.model, acceleration, near)
-        estimate = self._optimum(problem, pairs, acceleration)
+        estimate = self._optimum(problem, start, pairs, acceleration)
         targets = sum(pair.current.size for pair in pairs)
         row = row._replace(targets=targets, inliers=float(estimate.inliers))
         row = row._replace(reason=_objection(estimate, row, pairs))
@@ -162,12 +163,12 @@ class OdometryEstimator:
         return row._replace(theta=theta, covariance=covariance)
 
     def _optimum(
-        self, problem: Problem, pairs: Sequence[ScanPair], acceleration: Array
+        self, problem: Problem, start: Array | None, pairs: Sequence[ScanPair], acceleration: Array
     ) -> Estimate:
-        """The optimum near the last velocity; where it is doubtful, the better of two."""
+        """The optimum near the start; where that is doubtful or missing, the better of two."""
         near = None
-        if self.velocity is not None:
-            near = estimate_velocity(problem, self.velocity, self.scales)
+        if start is not None:
+            near = estimate_velocity(problem, start, self.scales)
             if near.converged and not float(near.inliers) < _GOOD_INLIER_SHARE:
                 return near
         # sensors that measure at different times show different velocities while it changes: start

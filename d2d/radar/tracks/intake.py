@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from d2d.radar.scans.scan import MEASURED, RadarScan
-from d2d.radar.tracks.rounds import Round, Rounds, SensorScans
+from d2d.radar.tracks.rounds import Round, Rounds, SensorScans, same_targets
 
 _STEP = 1.0  # s; a scan that is less before another one is in the wrong order, which is refused
 _CYCLES = 5.0  # of a sensor that pauses before a scan is out of step: some scans may be lost
@@ -108,7 +108,8 @@ class ScanGate:
     def _without_twins(self, sensor: int, scan: RadarScan) -> RadarScan:
         """The scan with one of each two equal targets, if half of them are there twice."""
         # most scans: more than half of their ranges differ
-        if scan.size < _FEW or 2 * len({*scan.range.tolist()}) > scan.size + 1:
+        steps = np.diff(np.sort(scan.range))
+        if scan.size < _FEW or 2 * np.count_nonzero(steps) >= scan.size:
             return scan
         measured = np.column_stack([getattr(scan, name) for name in MEASURED])
         first = np.unique(measured, axis=0, return_index=True)[1]
@@ -146,7 +147,7 @@ def _repeats(previous: RadarScan, current: RadarScan) -> bool:
     A message that is delivered twice has the same time, a frozen sensor gives a new one: its
     positions say that the vehicle stands still.
     """
-    if not all(np.array_equal(getattr(previous, n), getattr(current, n)) for n in MEASURED):
+    if not same_targets(previous, current):
         return False
     moves = current.size and float(np.median(np.abs(current.doppler))) > _MOVING
     return previous.time == current.time or bool(moves)

@@ -84,16 +84,24 @@ def _parts(sensor: Any) -> tuple[Any, Mounting] | None:
 
 def check_distinct(sensors: Mapping[str, Iterable[RadarScan]]) -> None:
     """Raise a ValueError if two sensors have a scan in common: it would count twice."""
-    owners: dict[tuple[object, ...], str] = {}
+    seen: dict[float, list[tuple[str, RadarScan]]] = {}
     for name, scans in sensors.items():
         for scan in scans:
-            key = (scan.time, *(getattr(scan, field).tobytes() for field in MEASURED))
-            owner = owners.setdefault(key, name)
-            if owner != name and scan.size > 1:  # one target may be seen alike by chance
-                raise ValueError(
-                    f"{owner} and {name} must be different, but have the same scan at "
-                    f"{scan.time:.6f} s; is one sensor given twice?"
-                )
+            for owner, other in seen.setdefault(scan.time, []):
+                # one target may be seen alike by chance
+                if owner != name and scan.size > 1 and same_targets(scan, other):
+                    raise ValueError(
+                        f"{owner} and {name} must be different, but have the same scan at "
+                        f"{scan.time:.6f} s; is one sensor given twice?"
+                    )
+            seen[scan.time].append((name, scan))
+
+
+def same_targets(scan: RadarScan, other: RadarScan) -> bool:
+    """Whether two scans have all targets in common."""
+    return scan.size == other.size and all(
+        (getattr(scan, name) == getattr(other, name)).all() for name in MEASURED
+    )
 
 
 def check_clocks(sensors: Mapping[str, Sequence[RadarScan]]) -> None:
@@ -230,11 +238,7 @@ class History:
         self._baseline, self._horizon = baseline, horizon
         self.scans: deque[RadarScan] = deque()  # which later ones may be paired with
         self._intervals: deque[float] = deque(maxlen=_REMEMBERED)
-
-    @property
-    def cycle(self) -> float:
-        """The usual time from one scan to the next, in s; infinite while there is only one."""
-        return median(self._intervals) if self._intervals else math.inf
+        self.cycle = math.inf  # s, the usual time from one scan to the next
 
     def paired(self, scan: RadarScan) -> ScanPair | None:
         """The next scan, paired with an earlier one; None if there is none near enough.
@@ -246,6 +250,7 @@ class History:
         scans, previous = self.scans, None
         if scans:
             self._intervals.append(scan.time - scans[-1].time)
+            self.cycle = median(self._intervals)
             usual = self._baseline * self.cycle if self._horizon is None else self._horizon
             longest = max(_LONGER * usual, _GAP * self.cycle)
             while scans and scan.time - scans[0].time > longest:

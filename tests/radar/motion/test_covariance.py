@@ -429,9 +429,8 @@ def test_neighbours_share_what_their_distance_says():
         problem = problem_of(pairs, EgoMotionModel())
         each = influences(problem, problem.bind(estimate.theta), pairs)
         scans = [pair.previous for pair in pairs] + [pair.current for pair in pairs]
-        ends = np.append(each.starts, len(each.position))
         for i, (scan, pair) in enumerate(zip(scans, [*pairs, *pairs], strict=True)):
-            own, means = slice(*ends[i : i + 2]), scan.point_set(pair.mounting).means
+            own, means = slice(*each.edges[i : i + 2]), scan.point_set(pair.mounting).means
             position = estimate.covariance @ each.position[own]
             rooted = position @ np.array([sqrtm(cov) for cov in each.covariances[own]])
             apart = np.linalg.norm(means[:, None] - means, axis=-1)
