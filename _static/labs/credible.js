@@ -115,11 +115,14 @@ labs.define(
       scatter.extent([-size, size], [-size, size]);
       scatter.clear();
       for (const axis of ["x", "y"]) scatter.rule(axis, 0, "lab-zero");
-      errors.forEach(([x, y], k) => scatter.mark("circle", x, y, 2.5, own[k] <= CHI3 ? "lab-inside" : "lab-outside"));
+      errors.forEach(([x, y], k) => scatter.mark("circle", x, y, 2, own[k] <= CHI3 ? "lab-inside" : "lab-outside"));
       if (!judged) return;
-      const stated = judged.actual.map((row, i) => row.map((_, j) => mean(covariances.map((each) => each[i][j]))));
+      const stated = judged.actual.map((row, i) => row.map((_, j) => mean(covariances.map((each) => each[i][j])))),
+        middle = judged.actual.map((_, i) => mean(errors.map((each) => each[i]))),
+        spread = judged.actual.map((row, i) => row.map((each, j) => each - middle[i] * middle[j]));
       scatter.ellipse(0, 0, planar(stated), Math.sqrt(CHI2), `lab-line lab-strong lab-${lab.state.cost}`);
-      scatter.ellipse(0, 0, planar(judged.actual), Math.sqrt(CHI2), "lab-truth");
+      scatter.ellipse(middle[0], middle[1], planar(spread), Math.sqrt(CHI2), "lab-truth lab-strong");
+      scatter.mark("cross", middle[0], middle[1], 6, "lab-ink lab-strong");
     }
 
     function tell(own, judged) {
@@ -200,14 +203,12 @@ labs.define(
     lab.build(
       [
         bar(lab.costs()),
-        labs.row(
-          panel("Errors of the registrations", scatter),
-          panel("Errors in stated units", histogram),
-        ),
+        labs.row(panel("Errors of the registrations", scatter), panel("Errors in stated units", histogram)),
         labs.legend(
           stated,
-          key("lab-truth", "95 % ellipse of the errors; expected histogram"),
-          html("span", {}, "● inside its own 95 % region, ○ outside"),
+          key("lab-truth", "95 % ellipse of the errors, about their mean (+); expected histogram"),
+          labs.keyOf(labs.mark("circle", 0, 0, 5, { class: "lab-inside" }), "inside its own 95 % region"),
+          labs.keyOf(labs.mark("circle", 0, 0, 5, { class: "lab-outside" }), "outside"),
         ),
         bar(
           lab.button("100 more registrations", () => {

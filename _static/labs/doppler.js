@@ -53,14 +53,14 @@ labs.define(
       xlabel: "azimuth (°), left is positive",
       ylabel: "Doppler (m/s)",
       shape: 0.75,
-      narrow: 0.38,
+      narrow: 0.52,
     });
     const top = lab.plot({
       label: "The scan from above",
       xlabel: "x (m), ahead",
       ylabel: "y (m), left",
       shape: 0.75,
-      narrow: 0.38,
+      narrow: 0.42,
       equal: true,
     });
 
@@ -135,7 +135,7 @@ labs.define(
       step: 0.5,
       low: -20,
       high: 38,
-      draw: [targetMark("moving"), targetMark("outlier", 11), svg("text", { y: -16, "text-anchor": "middle" }, "mover")],
+      draw: [targetMark("moving"), targetMark("outlier", 11), svg("text", { class: "lab-label", y: 24, "text-anchor": "middle" }, "mover")],
       get: () => [lab.state.px, lab.state.py],
       set: (x, y) => Object.assign(lab.state, { px: Math.max(6, x), py: y }),
     });
@@ -155,11 +155,11 @@ labs.define(
       now.forEach((each, k) => {
         const x = each.azimuth / DEGREE,
           expected = predicted(steered(), each.azimuth);
-        fan.segment(x, each.measured, x, expected, "lab-residual");
+        fan.segment(x, each.measured, x, expected, "lab-zero");
         fan.target("moving", x, each.measured, 4, look(each));
         if (k < now.length - 1) return;
         fan.target("outlier", x, each.measured, 9);
-        fan.text(x, each.measured, "mover", { dx: 13, dy: 4 });
+        fan.text(x, each.measured, "mover", { dy: -14, "text-anchor": "middle" });
       });
     }
 
@@ -173,7 +173,7 @@ labs.define(
         [-1, 0.9],
         [-1, -0.9],
       ];
-      top.line(box, "lab-outline");
+      top.line(box, "lab-line");
       now.forEach((target, k) => {
         const good = agrees(target, steered()),
           [dx, dy] = along(0.5 * target.measured, target.azimuth);
@@ -184,11 +184,11 @@ labs.define(
       });
       const [vx, vy, w] = steered(),
         sensor = [vx - w * MOUNTING.y, vy + w * MOUNTING.x];
-      top.segment(MOUNTING.x, 0, MOUNTING.x + sensor[0], sensor[1], "lab-velocity");
+      top.segment(MOUNTING.x, 0, MOUNTING.x + sensor[0], sensor[1], "lab-ink lab-strong");
       top.mark("square", MOUNTING.x, 0, 4, "lab-fill-target");
       const { px, py, speed, heading } = lab.state,
         [dx, dy] = along(speed, heading * DEGREE);
-      top.segment(px, py, px + dx, py + dy, "lab-velocity");
+      top.segment(px, py, px + dx, py + dy, "lab-ink lab-strong");
     }
 
     // ---- What came out ---------------------------------------------------------------------------------------------------------------
@@ -275,32 +275,30 @@ labs.define(
       );
     };
 
+    const word = (text) => html("span", { class: "lab-word" }, text); // where there is room
     const speed = (v) => `${number(v, 1)} m/s`;
     lab.build(
       [
         bar(
           lab.slider("vx", {
-            label: html("span", {}, "ahead ", ...sub("v", "x")),
+            label: html("span", {}, word("ahead "), ...sub("v", "x")),
             min: 0,
             max: 14,
             step: 0.05,
             show: (v) => `${number(v)} m/s`,
           }),
           lab.slider("vy", {
-            label: html("span", {}, "sideways ", ...sub("v", "y")),
+            label: html("span", {}, word("left "), ...sub("v", "y")),
             min: -4,
             max: 4,
             step: 0.05,
             show: (v) => `${number(v)} m/s`,
           }),
-          lab.slider("w", { label: "yaw rate ω", min: -50, max: 50, step: 0.5, show: (v) => `${number(v, 1)} °/s` }),
+          lab.slider("w", { label: html("span", {}, word("yaw rate "), "ω"), min: -50, max: 50, step: 0.5, show: (v) => `${number(v, 1)} °/s` }),
         ),
         labs.row(fan.box, top.box),
-        labs.legend(
-          ...labs.setKey("moving", "outlier"),
-          html("span", {}, "hollow: does not agree"),
-        ),
-        bar(
+        labs.legend(...labs.setKey("moving", "outlier"), html("span", {}, "hollow: does not agree")),
+        labs.extra(
           lab.slider("speed", { label: "mover’s speed", min: 0, max: 10, step: 0.1, show: speed }),
           lab.slider("heading", {
             label: "its direction",
@@ -315,11 +313,11 @@ labs.define(
           lab.button("Go to the estimate", () => {
             if (lab.result.found.converged) steer(lab.result.found.theta);
           }),
-          lab.button("Show the truth", () => {
+          lab.button("Show truth", () => {
             revealed = true;
             lab.update();
           }),
-          lab.next("Another drive", "drive"),
+          lab.next("New drive", "drive"),
           ...lab.tools(),
         ),
       ],

@@ -138,10 +138,7 @@ labs.define(
     lab.build(
       [
         plot.box,
-        bar(
-          lab.next("Other draws", "seed"),
-          ...lab.tools(),
-        ),
+        bar(lab.next("Other draws", "seed"), ...lab.tools()),
       ],
       draw,
     );

@@ -103,8 +103,9 @@ globalThis.labs = (() => {
   /** The mark of a cost in a line of text. */
   const inlineMark = (cost) => inline(mark(COSTS[cost].mark, 0, 0, 5, { class: `lab-fill-${cost}` }));
 
-  /** What the targets of each set look like. */
-  const setKey = (...sets) => sets.map((set) => html("span", {}, inline(targetMark(set)), ` ${SETS[set].name}`));
+  /** What a mark means, and what the targets of each set look like. */
+  const keyOf = (drawn, meaning) => html("span", {}, inline(drawn), ` ${meaning}`),
+    setKey = (...sets) => sets.map((set) => keyOf(targetMark(set), SETS[set].name));
 
   // ---- Plots ---------------------------------------------------------------------------------------------------------------
 
@@ -142,7 +143,7 @@ globalThis.labs = (() => {
 
     /** Lay out for the box's present width and draw the axes. */
     extent(x, y) {
-      const width = Math.max(150, this.box.clientWidth || 600);
+      const width = Math.max(120, this.box.clientWidth || 600);
       const height = Math.max(130, Math.round(width * (phone.matches ? this.narrow : this.shape)));
       const left = MARGIN.left,
         top = MARGIN.top,
@@ -557,9 +558,9 @@ globalThis.labs = (() => {
         }
       });
       const tools = html("span", { class: "lab-tools" }, reset, copy, ...(this.python ? [this.script()] : [])),
-        more = this.button("More", () => more.setAttribute("aria-expanded", more.ariaExpanded !== "true"));
+        more = this.button("⋯", () => (more.ariaExpanded = more.ariaExpanded !== "true"));
       more.classList.add("lab-more"); // on a phone
-      more.setAttribute("aria-expanded", "false");
+      Object.assign(more, { ariaExpanded: "false", ariaLabel: "More" });
       return [more, tools];
     }
 
@@ -876,6 +877,7 @@ globalThis.labs = (() => {
   /** A row of controls, one of pictures side by side, and a line that says what their marks mean. */
   const bar = (...parts) => html("div", { class: "lab-bar" }, ...parts),
     row = (...parts) => html("div", { class: "lab-row" }, ...parts),
+    extra = (...parts) => html("div", { class: "lab-bar lab-extra" }, ...parts), // on a phone behind the button ⋯
     legend = (...parts) => html("p", { class: "lab-key" }, ...parts);
 
   /** What is opened by a press. */
@@ -911,6 +913,7 @@ globalThis.labs = (() => {
     mark,
     inlineMark,
     targetMark,
+    keyOf,
     setKey,
     fixed,
     clamp,
@@ -919,6 +922,7 @@ globalThis.labs = (() => {
     verdict,
     bar,
     row,
+    extra,
     legend,
     fold,
     panel,

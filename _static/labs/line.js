@@ -122,8 +122,8 @@ labs.define(
         );
       state.fixed.forEach((mean) => bell(mean, ROW, ""));
       moving().forEach((mean) => bell(mean + state.t, 0, "lab-moving"));
-      sets.rule("y", ROW, "lab-outline");
-      sets.rule("y", 0, "lab-outline");
+      sets.rule("y", ROW, "lab-line");
+      sets.rule("y", 0, "lab-line");
       sets.text(-7.8, 1.92, "previous scan F");
       sets.text(-7.8, 0.4, sets.w > 400 ? "current scan M, moved by tₓ" : "M + tₓ");
     }
@@ -168,7 +168,7 @@ labs.define(
         const own = Math.max(...logs);
         curve.line(
           T.map((t, i) => [t, log ? low - logs[i] + own : Math.exp(logs[i] - own)]),
-          "lab-outline",
+          "lab-line",
           { "stroke-opacity": 0.45, "data-target": NAMES[k] },
         );
       });
@@ -198,10 +198,7 @@ labs.define(
         html("strong", {}, `${result.minima} ${result.minima === 1 ? "valley" : "valleys"}`),
         `, the deepest at ${number(result.lowest)} m (the targets moved by ${TRUTH} m). The ball is at ${number(state.t)} m.`,
       );
-      lab.tell(
-        p,
-        lab.table(["target", ...NAMES.slice(0, here.logs.length)], factors),
-      );
+      lab.tell(p, lab.table(["target", ...NAMES.slice(0, here.logs.length)], factors));
     }
 
     const spoken = (words) => html("span", { class: "visually-hidden" }, ` ${words} `);
@@ -256,14 +253,14 @@ labs.define(
         bar(
           lab.button("Let the ball roll", roll),
           lab.next("Next draw", "draw", draw),
-          lab.check("outlier", "outlier O in M"),
+          lab.check("outlier", "outlier O"),
           ...lab.tools(),
         ),
         bar(
           lab.slider("t", { label: "translation tₓ", min: -12, max: 16, step: 0.01, show: (v) => `${number(v)} m` }),
           lab.slider("noise", { label: "σ of a target", min: 0.05, max: 1, step: 0.01, show: (v) => `${number(v)} m` }),
         ),
-        bar(...lab.outlierSliders()),
+        labs.extra(...lab.outlierSliders()),
       ],
       () => {
         drawSets();

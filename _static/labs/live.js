@@ -41,7 +41,7 @@ labs.define(
       xlabel: "x (m)",
       ylabel: "y (m)",
       shape: 0.98,
-      narrow: 0.56,
+      narrow: 0.5,
       equal: true,
     });
     const curve = lab.plot({
@@ -120,7 +120,8 @@ labs.define(
     function drawScene(found) {
       scene.extent([-4, 20], [-12, 11]);
       scene.clear();
-      scene.mark("triangle", 0, 0, 7, "lab-outline");
+      scene.mark("triangle", 0, 0, 7, "lab-line");
+      scene.text(0, 0, "radar", { dy: 22, "text-anchor": "middle" });
       for (const each of previous) {
         scene.ellipse(each.x, each.y, each, 3, "lab-soft");
         scene.target("fixed", each.x, each.y, 3);
@@ -159,6 +160,8 @@ labs.define(
       );
       const here = Math.min(top, d2d.evaluate(problem(), pose()).value - low);
       curve.mark("circle", lab.state.x, here, 7, "lab-knob");
+      curve.text(lab.state.x, here, "now", { dx: -11, dy: 4, "text-anchor": "end" });
+      curve.text(TRUTH[0], curve.y[1], "truth", { dx: 4, dy: 14 });
     }
 
     function drawError(found) {
@@ -180,7 +183,7 @@ labs.define(
 
     function tell(found) {
       const { x, y, turn, cost } = lab.state,
-        now = `The scan is shifted by ${number(x)} m and ${number(y)} m, and turned by ${number(turn, 0)}°.`,
+        now = `Shifted by ${number(x)} m and ${number(y)} m, turned by ${number(turn, 0)}°.`,
         end = [labs.inlineMark(cost), ` The ${COSTS[cost].name} ends `, ...labs.verdict(found, TRUTH)];
       const outcome = html("p", { class: "lab-outcome" }, ...(arrived ? end : [now]));
       lab.tell(lab.state.outlier ? [outcome, challenge()] : outcome);
@@ -227,7 +230,7 @@ labs.define(
 
     lab.build(
       [
-        bar(lab.costs(), lab.button("Register from here", slide), lab.check("outlier", "add an outlier")),
+        bar(lab.costs(), lab.button("Register from here", slide), lab.check("outlier", "outlier")),
         labs.row(
           panel("Drag the purple scan, turn it by the ring", scene),
           html(
@@ -237,14 +240,7 @@ labs.define(
             panel("Its error, and 3σ", error),
           ),
         ),
-        labs.legend(
-          ...labs.setKey("fixed", "moving"),
-          html("span", {}, "▷ ▶ the radar at each"),
-          html("span", {}, "small ellipse: where the registration puts ▶"),
-          html("span", {}, "dashed: the truth"),
-          html("span", {}, "dot in the curve: now"),
-        ),
-        bar(...lab.tools()),
+        bar(...labs.setKey("fixed", "moving"), ...lab.tools()),
       ],
       () => {
         const found = d2d.register(problem(), pose());

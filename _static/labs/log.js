@@ -180,11 +180,11 @@
         car.extent([-2, 5], [-1.75, 1.75]);
         car.clear();
         const side = [-0.9, 3.2, 3.7].map((x, i) => [x, i < 2 ? 0.9 : 0.6]); // m, from the rear axle
-        car.line([...side, ...side.toReversed().map(([x, y]) => [x, -y]), side[0]], "lab-outline");
-        car.mark("cross", 0, 0, 6, "lab-cross");
+        car.line([...side, ...side.toReversed().map(([x, y]) => [x, -y]), side[0]], "lab-line");
+        car.mark("cross", 0, 0, 6, "lab-ink");
         car.text(0, -0.6, "rear axle", { "text-anchor": "middle" });
         for (const [x, y, yaw] of Object.values(mountings).map(placeOf)) {
-          car.segment(x, y, x + ARM * Math.cos(yaw * DEGREE), y + ARM * Math.sin(yaw * DEGREE), "lab-velocity");
+          car.segment(x, y, x + ARM * Math.cos(yaw * DEGREE), y + ARM * Math.sin(yaw * DEGREE), "lab-ink lab-strong");
         }
       }
 
@@ -371,7 +371,7 @@
         path.clear();
         path.line(line, "lab-robust lab-strong");
         const refused = poses.slice(1).filter((_, i) => shown.rows[i].reason);
-        for (const pose of thinned(refused)) path.mark("cross", pose[0], pose[1], 3, "lab-refused");
+        for (const pose of thinned(refused)) path.mark("cross", pose[0], pose[1], 3, "lab-line lab-summing");
         path.mark("square", 0, 0, 4, "lab-fill-target");
         path.mark("circle", poses.at(-1)[0], poses.at(-1)[1], 5, "lab-fill-robust");
       }
@@ -424,7 +424,7 @@
         const reach = (values) => [Math.min(-5, ...values) - 2, Math.max(5, ...values) + 2];
         view.extent(reach(targets.map((each) => each.x)), reach(targets.map((each) => each.y)));
         view.clear();
-        view.mark("triangle", 0, 0, 7, "lab-outline");
+        view.mark("triangle", 0, 0, 7, "lab-line");
         for (const each of targets) view.target("moving", each.x, each.y, 4, each.agrees ? "lab-set-moving" : "lab-disagrees");
       }
 

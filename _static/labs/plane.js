@@ -38,15 +38,15 @@ labs.define(
       xlabel: "x (m)",
       ylabel: "y (m)",
       shape: 0.9,
-      narrow: 0.42,
+      narrow: 1,
       equal: true,
     });
     const map = lab.plot({
       label: "The cost over the translation",
-      xlabel: "off the truth, in x (m)",
+      xlabel: "off in x (m)",
       ylabel: "off in y (m)",
       shape: 0.9,
-      narrow: 0.42,
+      narrow: 1,
       equal: true,
       heat: true,
     });
@@ -104,7 +104,7 @@ labs.define(
       scene.extent([-3, 38], [-19, 20]);
       scene.clear();
       scene.mark("triangle", 0, 0, 6, "lab-fill-target");
-      scene.text(1.2, -1.8, "radar");
+      scene.text(1.2, -1.8, scene.w > 200 ? "radar" : "");
       for (const target of targets(lab.state.fixed))
         scene.ellipse(target.x, target.y, target, 3 * lab.state.inflate, "lab-soft");
       const place = shownAt ?? TRUTH;
@@ -318,7 +318,7 @@ labs.define(
         bar(lab.costs()),
         labs.row(
           panel(html("span", { class: "lab-key" }, ...labs.setKey("fixed", "moving")), scene),
-          panel("Cost, low is dark; start: white ring", map),
+          panel("Cost, dark is low; ring: start", map),
         ),
         bar(
           lab.button("Watch the descent", watch),
@@ -340,15 +340,12 @@ labs.define(
             show: (v) => `${number(v, 0)}°`,
           }),
           lab.slider("inflate", { label: "inflate every σ by", min: 1, max: 10, step: 0.1, show: (v) => number(v, 1) }),
-          ...lab.outlierSliders(),
         ),
+        labs.extra(...lab.outlierSliders()),
       ],
       () => {
         const others = Object.fromEntries(
-          Object.keys(COSTS).map((name) => [
-            name,
-            d2d.register(problem(name), start(), schedule()),
-          ]),
+          Object.keys(COSTS).map((name) => [name, d2d.register(problem(name), start(), schedule())]),
         );
         const found = others[lab.state.cost];
         lab.result = { problem: problem(), start: start(), found };

@@ -10,7 +10,6 @@ labs.define(
   (lab) => {
     const { svg, html, fixed: number, clamp, bar, panel } = labs;
     const NAMES = { __proto__: null, hessian: "inverse Hessian", budget: "budget" };
-    const SECONDS = 20; // that the whole drive takes, of 30 on the road
     const LEVEL = d2d.chiSquareQuantile(0.95, 2),
       BLIND = 1; // s for which the car goes on by an estimate alone
     const column = (name) => replayData[name],
@@ -18,20 +17,16 @@ labs.define(
       poses = times.map((_, i) => ["x", "y", "yaw"].map((name) => column(name)[i])),
       errors = times.map((_, i) => ["errorX", "errorY"].map((name) => BLIND * column(name)[i])),
       LAST = times.length;
-    const stated = (name, i) => {
-      const [xx, xy, yy] = ["XX", "XY", "YY"].map((entry) => BLIND ** 2 * column(name + entry)[i]);
-      return { xx, xy, yy };
-    };
-    const isInside = (error, { xx, xy, yy }) => {
-      const matrix = [
+    /** A covariance stated with an estimate, or their mean: `pick` takes an entry from those of all estimates. */
+    const stated = (name, pick) => {
+      const [xx, xy, yy] = ["XX", "XY", "YY"].map((entry) => BLIND ** 2 * pick(column(name + entry)));
+      return [
         [xx, xy],
         [xy, yy],
       ];
-      return d2d.nees(error, matrix) <= LEVEL;
     };
-    const inside = Object.fromEntries(
-      Object.keys(NAMES).map((name) => [name, errors.map((error, i) => isInside(error, stated(name, i)))]),
-    );
+    const isInside = (name) => (error, i) => d2d.nees(error, stated(name, (values) => values[i])) <= LEVEL,
+      inside = Object.fromEntries(Object.keys(NAMES).map((name) => [name, errors.map(isInside(name))]));
     lab.sound = ({ shown, covariance }) => covariance in NAMES && Number.isInteger(shown) && shown >= 0 && shown <= LAST;
 
     // ---- The street from above ----------------------------------------------------------------------------------------------
@@ -83,7 +78,9 @@ labs.define(
         svg("rect", { class: "lab-car", x: -7, y: -6.5, width: 33, height: 13, rx: 4 }),
         svg("path", { class: "lab-glass", d: "M12,-5L17,-4V4L12,5z" }),
       );
-    street.append(body, world);
+    const sight = svg("text", { class: "lab-label", y: 20, "text-anchor": "end" }, "what one radar of the car can see"),
+      phases = ["1 a scan", "2 the next", "3 laid onto it"].map((each) => svg("text", { class: "lab-label" }, each));
+    street.append(body, world, sight, ...phases);
     let pair = {}; // that is shown: its number, and its two scans as they are drawn
 
     function drawStreet(time) {
@@ -105,13 +102,19 @@ labs.define(
       // the second scan is laid where the first was taken, and slides to where it fits
       const since = Math.max(0, time - second.time),
         slid = clamp((since - 0.1) / 0.25, 0, 1) ** 0.5,
+        phase = time < second.time ? 0 : slid ? 2 : 1,
         ends = scans[number + 2]?.time ?? Infinity,
         places = [first, second].map((each) => poseAt(each.time));
       pair.first.setAttribute("transform", carried(places[0]));
       pair.second.setAttribute("transform", carried(between(...places, slid)));
       pair.second.setAttribute("visibility", time < second.time ? "hidden" : "visible");
       shown.setAttribute("opacity", clamp((ends - time) / 0.15, 0, 1));
-      beam.setAttribute("opacity", clamp(1 - (time < second.time ? time - first.time : since) / 0.3, 0, 1));
+      beam.setAttribute("opacity", clamp(1 - (phase ? since : time - first.time) / 0.3, 0.3, 1));
+      sight.setAttribute("x", width - 10);
+      phases.forEach((each, i) => {
+        const look = { x: 12 + (i * Math.min(width, 480)) / 3.6, y: height - 12, "font-weight": i === phase ? 700 : 400 };
+        for (const [name, value] of Object.entries(look)) each.setAttribute(name, value);
+      });
     }
 
     // ---- The errors -----------------------------------------------------------------------------------------------------------
@@ -120,29 +123,32 @@ labs.define(
       label: "Where the car is after one second by an estimate alone, and the 95 % ellipse stated for it",
       xlabel: "too far ahead (m)",
       ylabel: "too far left (m)",
-      shape: 0.82,
+      shape: 1.1,
       narrow: 0.6,
       equal: true,
     });
 
     function drawErrors(shown, held) {
-      scatter.extent([-0.25, 0.25], [-0.25, 0.25]);
+      scatter.extent([-0.2, 0.2], [-0.27, 0.27]);
       scatter.clear();
       for (const axis of ["x", "y"]) scatter.rule(axis, 0, "lab-zero");
-      const now = shown - 1;
-      if (now < 0) return;
-      errors
-        .slice(0, now)
-        .forEach(([x, y], i) => scatter.mark("circle", x, y, 2.5, held[i] ? "lab-inside" : "lab-outside"));
-      scatter.ellipse(0, 0, stated(lab.state.covariance, now), Math.sqrt(LEVEL), "lab-line lab-strong lab-robust");
-      scatter.mark("circle", ...errors[now], 6, `lab-now ${held[now] ? "lab-fill-robust" : "lab-fill-none"}`);
+      const now = shown - 1,
+        { covariance } = lab.state,
+        own = labs.planar(stated(covariance, (values) => (shown ? values[now] : d2d.mean(values))));
+      errors.forEach(([x, y], i) => {
+        const look = held[i] ? "lab-inside" : "lab-outside";
+        scatter.mark("circle", x, y, 2.5, i < shown ? look : `${look} lab-to-come`);
+      });
+      scatter.ellipse(0, 0, own, Math.sqrt(LEVEL), `lab-line lab-strong lab-${covariance}`);
+      scatter.text(-Math.sqrt(LEVEL * own.xx), 0, "95\u00a0%", { dx: -4, dy: -4, "text-anchor": "end" });
+      if (shown) scatter.mark("circle", ...errors[now], 6, held[now] ? "lab-now" : "lab-now lab-fill-none");
     }
 
-    function tell(shown, count) {
-      const share = `${number((100 * count) / shown, 0)}\u00a0%`,
-        counted = [html("strong", {}, `${count} of ${shown}`), ` errors, ${share}, lie in the 95\u00a0% ellipse of the `];
-      const words = shown ? [...counted, `${NAMES[lab.state.covariance]}.`] : ["The ellipse should hold 95\u00a0% of the errors."];
-      lab.tell(html("p", { class: "lab-outcome" }, ...words));
+    function tell(count, all) {
+      const share = `${number((100 * count) / all, 0)}\u00a0%`,
+        ellipse = `the 95\u00a0% ellipse of the ${NAMES[lab.state.covariance]}`,
+        words = [html("strong", {}, `${count} of ${all}`), ` errors, ${share}, lie in ${ellipse}.`];
+      lab.tell(html("p", { class: "lab-outcome" }, ...words, lab.state.shown ? "" : " Press Drive."));
     }
 
     // ---- Playing --------------------------------------------------------------------------------------------------------------
@@ -157,7 +163,7 @@ labs.define(
         end = times.at(-1);
       playing = true;
       lab.animate(
-        SECONDS * (1 - from / end),
+        end - from, // as long as on the road
         (share) => {
           clock = from + share * (end - from);
           lab.state.shown = times.filter((time) => time <= clock).length;
@@ -182,7 +188,8 @@ labs.define(
 
     const button = lab.button("", () => (playing ? lab.touched("pause") : play()));
     button.classList.add("lab-go");
-    const LEGEND = ["● an error inside the ellipse stated for it", "○ outside"];
+    const LEGEND = { inside: "error inside its ellipse", outside: "outside", "outside lab-to-come": "to come" };
+    const key = ([look, text]) => labs.keyOf(labs.mark("circle", 0, 0, 5, { class: `lab-${look}` }), text);
     lab.controls.push(() => (button.textContent = playing ? "Pause" : "Drive"));
     lab.build(
       [
@@ -204,17 +211,18 @@ labs.define(
             show: (shown) => `${number(times[shown - 1] ?? 0, 1)} s`,
           }),
         ),
-        labs.legend(...labs.setKey("fixed", "moving"), ...LEGEND.map((each) => html("span", {}, each))),
+        labs.legend(...labs.setKey("fixed", "moving"), ...Object.entries(LEGEND).map(key)),
       ],
       () => {
         const { shown, covariance } = lab.state,
           held = inside[covariance],
-          count = held.slice(0, shown).filter(Boolean).length;
+          all = shown || LAST, // at the start, what the drive will show
+          count = held.slice(0, all).filter(Boolean).length;
         if (!lab.result) clock = times[shown - 1] ?? 0;
         lab.result = { shown, inside: count };
         drawStreet(clock);
         drawErrors(shown, held);
-        tell(shown, count);
+        tell(count, all);
       },
     );
   },
