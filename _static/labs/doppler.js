@@ -144,7 +144,7 @@ labs.define(
     const look = (each) => (agrees(each, steered()) ? "lab-set-moving" : "lab-disagrees");
 
     function drawFan({ now }) {
-      fan.extent([-56, 56], [-14, 4]);
+      fan.extent([-56, 56], [Math.min(-8, -lab.state.vx, ...now.map(({ measured }) => measured)) - 2, 4]);
       fan.clear();
       fan.rule("y", 0, "lab-zero");
       const angles = range(-56, 56, 113);
