@@ -297,5 +297,4 @@ def compare_tracks(first: Track, second: Track) -> Comparison:
     covariances = first.covariance + (
         (1.0 - late) ** 2 * second.covariance[before] + late**2 * second.covariance[after]
     )
-    found = Comparison.from_errors(first, errors, covariances)
-    return enough(found, "first and second have")
+    return enough(Comparison.from_errors(first, errors, covariances), "first and second have")

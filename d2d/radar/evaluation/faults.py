@@ -162,7 +162,9 @@ def _table(log: Mapping[str, SensorScans], *, scaled: bool) -> Iterator[Fault]:
         volume = math.log(max(DEFAULT_DOPPLER_WIDTH, float(np.ptp(values))))
         alone = "Doppler velocities show another motion"
         yield Fault(alone, "", lambda e: -float(e.by_positions.value) - volume * e.size)
-    yield _changed("x and y are swapped", "", _swapped)
+    yield _changed(
+        "x and y are swapped", "", lambda s: replace(s, azimuth=wrapped(0.5 * np.pi - s.azimuth))
+    )
     at = {name: mounting for name, (_, mounting) in log.items()}
     if max(abs(each.yaw) for each in at.values()) < 2.0 * math.pi / math.degrees(1.0):
         degrees = {name: replace(each, yaw=math.degrees(each.yaw)) for name, each in at.items()}
@@ -196,10 +198,6 @@ def _changed(
         return ScanPair(change(pair.previous), change(pair.current), pair.mounting)
 
     return Fault(symptom, sensor, lambda e: e.changed(undone).likelihood + volume * e.size)
-
-
-def _swapped(scan: RadarScan) -> RadarScan:
-    return replace(scan, azimuth=wrapped(0.5 * np.pi - scan.azimuth))
 
 
 def _mounted(symptom: str, sensor: str, mountings: Mapping[str, Mounting]) -> Fault:

@@ -58,6 +58,12 @@ class VelocityEstimate(NamedTuple):
         return not self.reason
 
 
+def filtered(row: VelocityEstimate, belief: Mixture) -> VelocityEstimate:
+    """The row with the velocity of a belief, which may rest on later estimates too."""
+    errors = belief.errors
+    return row._replace(theta=belief.mean[:3], covariance=errors[1, :3, :3], errors=errors)
+
+
 @dataclass
 class OdometryEstimator:
     """Estimates the velocity of one round after the other, and remembers the last accepted one.
@@ -144,6 +150,7 @@ class OdometryEstimator:
             return row._replace(reason="a covariance that is not finite")
         if self.limits is not None and (reason := self.limits.exceeded(state, self.last)):
             return row._replace(reason=reason)
+        row = row._replace(theta=theta, covariance=covariance)
         if raw is not None:
             if predicted is not None:
                 belief = update(predicted, raw)
@@ -154,13 +161,11 @@ class OdometryEstimator:
                 belief = begin(time, raw, first, bias)
                 belief = belief if rate is None else update_yaw_rate(belief, rate)
             self.belief = self.guessed = belief
-            errors = belief.errors
-            theta, covariance = belief.mean[:3], errors[1, :3, :3]
-            row = row._replace(filter_input=raw, errors=errors)
+            row = filtered(row._replace(filter_input=raw), belief)
             if self.records is not None:
                 self.records.append(belief)
         self.last, self.velocity = state, estimate.theta
-        return row._replace(theta=theta, covariance=covariance)
+        return row
 
     def _optimum(
         self, problem: Problem, start: Array | None, pairs: Sequence[ScanPair], acceleration: Array

@@ -6,11 +6,10 @@ walk.  The estimate of a round is a `FilterInput`,
     z = v + (delay - lag s_lag) a + slow s + n    =: H x + G s + n
 
 with white noise n and the budget's slow errors s, each of which has the variance one and a
-correlation that falls to 1/e within `PERSISTENCE`.  As further states they would be learnt, and
-would soak up what the vehicle does in a bend: on recorded drives the log score then falls by 0.6
-and more.  So they are *considered* (Schmidt 1966): the covariance P of x and its covariance C with
-s are those of the errors in truth, but s is never estimated.  With S = H P H' + H C G' + G C' H' +
-G G' + R, an estimate changes
+correlation that falls to 1/e within `PERSISTENCE`.  Learnt, they would soak up what the vehicle
+does in a bend.  So they are *considered* (Schmidt 1966): the covariance P of x and its covariance C
+with s are those of the errors in truth, but s is never estimated.  With S = H P H' + H C G' +
+G C' H' + G G' + R, an estimate changes
 
     K = (P H' + C G') S^-1      x + K (z - H x)      P - K S K'      C - K (H C + G)
 
@@ -20,7 +19,8 @@ and a time dt, with k = exp(-dt / PERSISTENCE),
 
 Positions show the mean velocity over an interval h, which the delay of h / 2 explains for an even
 acceleration.  A jerk adds its variance times h^3 / 20, which lasts for 5 h / 9: to estimates that
-are nearer together it adds more.
+are nearer together it adds more.  A smoother knows the jerk; an even one acts like the acceleration
+at h / 3 before the end of the interval.
 
 How fast the acceleration changes depends on the road.  Three such filters run side by side; each
 weighs as much as it predicts the estimates, and what they know is mixed before each prediction, as
@@ -51,6 +51,7 @@ PERSISTENCE = 15.0  # s: errors of v_x on a RadarScenes drive correlate by 0.54 
 MEMORY = 2.0  # s, after which an acceleration is forgotten
 _GUESSED = 2.0  # s, for which acceleration, side slip and yaw rate last without an estimate
 USUAL = np.diag(np.square([0.0, 0.1, 0.1]))  # of side slip in m/s and yaw rate in rad/s, on a road
+Bias = tuple[float, float]  # of a gyro, its mean and variance
 _IMPLAUSIBLE = 12.0  # standard deviations, by which no estimate of a vehicle surprises
 
 
@@ -78,9 +79,7 @@ class Belief(NamedTuple):
 
 def _weighted(shares: Array, matrices: Array) -> Array:
     """Means of matrices (..., m, i, j) with the shares (..., m)."""
-    rows = matrices.reshape(*matrices.shape[:-2], -1)
-    mean = shares[..., None, :] @ rows
-    return np.asarray(mean.reshape(*mean.shape[:-2], *matrices.shape[-2:]))
+    return np.asarray(np.einsum("...m,...mij->...ij", shares, matrices))
 
 
 class Mixture(NamedTuple):
@@ -92,6 +91,8 @@ class Mixture(NamedTuple):
     predicted: Array | None = None  # (m,) those before the estimate; None where the filter begins
     passed: float = 0.0  # s, since the estimate before
     transition: Array | None = None  # (n, n + k) of errors, from the estimate before to this one
+    given: FilterInput | None = None  # the estimate, and the gyro's yaw rate before it
+    rate: MeanRate | None = None
 
     @property
     def mean(self) -> Array:
@@ -107,20 +108,14 @@ class Mixture(NamedTuple):
     def errors(self) -> Array:
         """The transition of the state's errors, and their covariances [P, C], (2, n, n + k)."""
         _, covariance, cross = self.whole
-        size = len(covariance)
-        errors = np.zeros((2, size, size + cross.shape[1]))
-        errors[1, :, :size], errors[1, :, size:] = covariance, cross
-        errors[0, :, size:] = cross  # at the beginning, nothing but the slow errors is left
-        if self.transition is not None:
-            errors[0] = self.transition
-        return errors
+        transition = self.transition
+        if transition is None:  # at the beginning, nothing but the slow errors is left
+            transition = np.hstack([np.zeros_like(covariance), cross])
+        return np.stack([transition, np.hstack([covariance, cross])])
 
 
 def begin(
-    time: float,
-    given: FilterInput,
-    acceleration: Acceleration = UNSEEN,
-    bias: tuple[float, float] | None = None,
+    time: float, given: FilterInput, acceleration: Acceleration = UNSEEN, bias: Bias | None = None
 ) -> Mixture:
     """The belief after a first estimate, for an acceleration that nothing but the radar tells.
 
@@ -140,10 +135,10 @@ def begin(
         covariance[6, 6] = bias[1]
     count = len(JERK_SCALES)
     modes = Belief(*(np.stack([each] * count) for each in (mean, covariance, cross)))
-    return Mixture(time, np.full(count, 1.0 / count), modes)
+    return Mixture(time, np.full(count, 1.0 / count), modes, given=given)
 
 
-def bias_of(mixture: Mixture) -> tuple[float, float] | None:
+def bias_of(mixture: Mixture) -> Bias | None:
     """The mean and the variance of a gyro's bias, if it is a state."""
     mean, covariance, _ = mixture.whole
     return (float(mean[6]), float(covariance[6, 6])) if len(mean) > 6 else None
@@ -158,10 +153,9 @@ def predict(before: Mixture, time: float) -> Mixture | None:
     shares = before.shares @ changes
     mixed = before.modes.combined((before.shares[:, None] * changes / shares).T)
     modes = _moved(mixed, passed)
-    size = modes.mean.shape[-1]
-    moved = np.zeros((size, size + modes.cross.shape[-1]))
-    moved[:, :size] = _transition(passed, size)
-    return Mixture(time, shares, modes, shares, passed, moved)
+    move = _transition(passed, modes.mean.shape[-1])
+    transition = np.hstack([move, np.zeros_like(modes.cross[0])])
+    return Mixture(time, shares, modes, shares, passed, transition)
 
 
 def _mode_changes(passed: float) -> Array:
@@ -185,14 +179,15 @@ def update(predicted: Mixture, given: FilterInput) -> Mixture:
     found, squares = _updated(predicted, given.velocity, to, slow, white)
     if squares > _IMPLAUSIBLE**2:
         return begin(predicted.time, given, bias=bias_of(predicted))
-    return found
+    return found._replace(given=given)
 
 
 def update_yaw_rate(predicted: Mixture, given: MeanRate) -> Mixture:
     """The belief after the yaw rate of a gyro, of which the state holds the bias."""
     to = np.array([[0.0, 0.0, 1.0, 0.0, 0.0, given.delay, 1.0]])
     slow = np.zeros((len(predicted.shares), 1, predicted.modes.cross.shape[-1]))
-    return _updated(predicted, np.array([given.value]), to, slow, np.array([[given.variance]]))[0]
+    spread = np.array([[given.variance]])
+    return _updated(predicted, np.array([given.value]), to, slow, spread)[0]._replace(rate=given)
 
 
 def _updated(
@@ -268,11 +263,25 @@ def guess(before: Mixture, time: float) -> Mixture:
     mean = move @ whole.mean
     if mean[0] * whole.mean[0] <= 0.0:
         mean[:6] = 0.0
-    faded = np.exp(-passed / PERSISTENCE)
-    modes = Belief(mean, move @ whole.covariance @ move.T + added, faded * move @ whole.cross)
-    modes = Belief(*(each[None] for each in modes))
-    transition = np.hstack([move, np.zeros_like(whole.cross)])
+    cross = np.exp(-passed / PERSISTENCE) * move @ whole.cross
+    modes = Belief(mean[None], (move @ whole.covariance @ move.T + added)[None], cross[None])
+    transition = np.hstack([move, np.zeros_like(cross)])
     return Mixture(time, np.ones(1), modes, np.ones(1), passed, transition)
+
+
+def smooth(filtered: list[Mixture]) -> list[Mixture]:
+    """The beliefs from all estimates, which are filtered again with the jerks that these show."""
+    smoothed, again = smooth_mixtures(filtered), filtered.copy()
+    for i, own in enumerate(filtered):
+        predicted = None if own.predicted is None else predict(again[i - 1], own.time)
+        if predicted is None or own.given is None:
+            continue
+        if own.rate is not None:
+            predicted = update_yaw_rate(predicted, own.rate)
+        jerk = (smoothed[i].mean - smoothed[i - 1].mean)[3:6] / own.passed
+        uneven = 2.0 / 3.0 * abs(own.given.delay[2, 2]) * own.given.delay @ jerk
+        again[i] = update(predicted, own.given._replace(velocity=own.given.velocity + uneven))
+    return smooth_mixtures(again)
 
 
 def smooth_mixtures(filtered: list[Mixture]) -> list[Mixture]:
@@ -286,14 +295,14 @@ def smooth_mixtures(filtered: list[Mixture]) -> list[Mixture]:
         now, later = filtered[i], smoothed[i + 1]
         if later.predicted is None:
             continue
-        passed = later.time - now.time
-        of_pairs = now.shares[:, None] * _mode_changes(passed) * (later.shares / later.predicted)
+        changes = _mode_changes(later.passed)
+        of_pairs = now.shares[:, None] * changes * (later.shares / later.predicted)
         of_pairs /= of_pairs.sum()
         shares = of_pairs.sum(axis=1)
         before = Belief(*(each[:, None] for each in now.modes))
-        ahead = _moved(before, passed)
+        ahead = _moved(before, later.passed)
         gain = np.linalg.solve(
-            ahead.remainder, _transition(passed, now.modes.mean.shape[-1]) @ before.remainder
+            ahead.remainder, _transition(later.passed, len(now.mean)) @ before.remainder
         )
         modes = _smoothed(before, ahead, later.modes, np.asarray(gain.swapaxes(-1, -2)))
         smoothed[i] = now._replace(shares=shares, modes=modes.combined(of_pairs / shares[:, None]))

@@ -20,8 +20,7 @@ class FilterInput(NamedTuple):
     The 2 S + 3 slow errors s, each in units of its standard deviation in the budget, are the
     azimuth errors of all sensors in the order of the `Tracker`, then their Doppler errors, the
     scale error, the side slip in units of the prior's (zero columns without one) and s_lag; before
-    s_lag come three errors of the velocity itself if the budget states them (`fit_budget`).  The
-    page of `d2d.radar` has a filter that uses them.
+    s_lag come three errors of the velocity itself if the budget states them (`fit_budget`).
 
     Attributes
     ----------

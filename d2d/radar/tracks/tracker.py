@@ -13,8 +13,8 @@ from d2d._checks import check_count, check_finite, check_flag, check_instance
 from d2d.radar.motion.model import EstimationOptions, split_options
 from d2d.radar.scans.budget import ErrorBudget
 from d2d.radar.scans.scan import Mounting, RadarScan, level
-from d2d.radar.tracks.estimator import OdometryEstimator, VelocityEstimate
-from d2d.radar.tracks.filter import Mixture, smooth_mixtures
+from d2d.radar.tracks.estimator import OdometryEstimator, VelocityEstimate, filtered
+from d2d.radar.tracks.filter import smooth as smooth_beliefs
 from d2d.radar.tracks.gyro import Gyro, GyroRates
 from d2d.radar.tracks.intake import ScanGate, usable
 from d2d.radar.tracks.limits import VehicleLimits
@@ -123,8 +123,11 @@ def track(
             "sensors must have at least two rounds of scans (of one sensor: two scans), but have "
             f"{int(any(scans for scans, _ in drives.values()))}"
         )
-    driven = track_of([estimator.step(each) for each in _counted(groups, progress)])
-    return _smoothed(driven, estimator.records) if estimator.records else driven
+    rows = [estimator.step(each) for each in _counted(groups, progress)]
+    if estimator.records:
+        beliefs = iter(smooth_beliefs(estimator.records))
+        rows = [filtered(row, next(beliefs)) if row.converged else row for row in rows]
+    return track_of(rows)
 
 
 class Tracker:
@@ -292,19 +295,6 @@ def track_of(estimates: Collection[VelocityEstimate]) -> Track:
         np.array(inliers),
         None if unknown is None else np.array([unknown if e is None else e for e in errors]),
     )
-
-
-def _smoothed(driven: Track, records: list[Mixture]) -> Track:
-    """The track with the velocities that all estimates show, before and after each."""
-    assert driven.errors is not None
-    good, smoothed = driven.converged, smooth_mixtures(records)
-    theta, covariance, errors = (
-        each.copy() for each in (driven.theta, driven.covariance, driven.errors)
-    )
-    theta[good] = [each.mean[:3] for each in smoothed]
-    errors[good] = [each.errors for each in smoothed]
-    covariance[good] = errors[good, 1, :3, :3]
-    return replace(driven, theta=theta, covariance=covariance, errors=errors)
 
 
 def compile_for(estimator: OdometryEstimator) -> None:

@@ -99,4 +99,4 @@ def test_a_hard_drive_is_followed():
     causal, _ = anees(CAR_SPEED, 10.0, CORNERS, 12.0)
     smooth, _ = anees(CAR_SPEED, 10.0, CORNERS, 12.0, smooth=True)
     assert 0.8 < causal < 2.0
-    assert 0.8 < smooth < 4.0
+    assert 0.8 < smooth < 1.5
