@@ -14,5 +14,5 @@
 - ``consensus``: the velocity that most Doppler velocities agree with
 - ``elementary``: exponential and logarithm that vectorise
 - ``compile``: how functions are compiled and kept
-- ``entries``: what Python calls, with ``propagate``, ``errors`` and ``consensus``
+- ``entries``: what Python calls, with ``tiles``, ``propagate``, ``errors`` and ``consensus``
 """

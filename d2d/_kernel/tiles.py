@@ -2,8 +2,7 @@
 
 With one covariance S_o for all components their sum is a smooth field of the fixed set alone,
 f(u) = sum_i w_i exp(-|u - u_i|^2 / 2) in coordinates u in which S_o is the identity.  Each square
-tile of two standard deviations holds the polynomial through NODES x NODES Chebyshev nodes, so that
-a value costs the same for any number of components.
+tile of two standard deviations holds the polynomial through NODES x NODES Chebyshev nodes.
 
 The nth derivative of exp(-u^2 / 2) is at most 1.09 (n!)^(1/2) exp(-u^2 / 4) (Cramér), so that an
 interpolant along one coordinate errs by at most 1.09 exp(-u^2 / 4) / (n!^(1/2) 2^(n-1)) on a tile
@@ -14,6 +13,7 @@ the tile; where that is above ACCURACY of the value, or outside all tiles, the p
 
 import math
 from functools import cache
+from itertools import zip_longest
 from typing import Any
 
 import numpy as np
@@ -21,12 +21,13 @@ from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
 from d2d._kernel import layout, rows
-from d2d._kernel.compile import inlined, vectorised
+from d2d._kernel.compile import entry, inlined, vectorised
+from d2d._kernel.elementary import exp
 from d2d._kernel.layout import WEIGHT, X, Y
 from d2d._kernel.rows import LANES, lane_count
 
 NODES = 16
-ACCURACY = 1e-9
+ACCURACY, LEAST = 1e-9, 1e-280  # of a value from tiles: `exp` ends at 1e-304
 _ERROR = 3.73 * 1.09 / (math.sqrt(math.factorial(NODES)) * 2.0 ** (NODES - 1))
 BOUND = NODES * NODES  # behind a tile's coefficients: the least value for which they are used
 TILE = BOUND + LANES
@@ -36,10 +37,9 @@ BORDER = 0.1  # at least, by which the tiles reach beyond a set, in tiles
 COLUMNS, ROWS, LEFT, BOTTOM, FIRST_TILE = range(5)
 
 _AT = np.cos(np.pi * (np.arange(NODES) + 0.5) / NODES)
-# From values at the nodes to the coefficients of a polynomial, lowest power first.
-_FIT = 2.0 / NODES * np.cos(np.pi * np.outer(np.arange(NODES), np.arange(NODES) + 0.5) / NODES)
-_FIT[0] *= 0.5
-_COEFFICIENTS = np.transpose([chebyshev.cheb2poly(column) for column in _FIT.T])
+# From values at the nodes to coefficients of Chebyshev's polynomials, and from these to powers.
+_FIT = np.linalg.inv(chebyshev.chebvander(_AT, NODES - 1))
+_POWERS = np.array([*zip_longest(*map(chebyshev.cheb2poly, np.eye(NODES)), fillvalue=0.0)])
 
 
 @inlined
@@ -118,39 +118,39 @@ def none_for(sets: int) -> tuple[NDArray[Any], NDArray[Any]]:
     return np.empty((0, TILE)), np.zeros((sets, 5))
 
 
+@entry
+def fill_lines(places, weights, begin, nodes, inner, scale, lines):
+    """Fill lines (tiles nodes, N) with w exp(scale u^2), u the distance beyond ``inner``."""
+    for n in range(lines.shape[0]):
+        at = begin + 1.0 + 2.0 * (n // nodes.shape[0]) + nodes[n % nodes.shape[0]]
+        for i in range(places.shape[0]):
+            u = max(abs(at - places[i]) - inner, 0.0)
+            lines[n, i] = weights[i] * exp(scale * u * u)
+
+
 def tiles_of(sets: NDArray[Any], outlier: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
-    """The tiles (T, TILE) of some packed sets (B, 6, N), and their grids (B, 5).
+    """The tiles (T, TILE) of some packed sets (B, 6, N), row by row, and their grids (B, 5).
 
     A set has none if they were more than half of its components: the plain sums take less then.
     """
     size, (xx, xy, yy) = sets.shape[-1], root_of(outlier)
     grids, filled = np.zeros((len(sets), 5)), [np.empty((0, TILE))]
-    places = np.stack([xx * sets[:, X] + xy * sets[:, Y], yy * sets[:, Y]], axis=1)
+    places = np.array([[xx, xy], [0.0, yy]]) @ sets[:, X : Y + 1]
     low, high = places.min(axis=-1), places.max(axis=-1)
     shape = np.ceil(0.5 * (high - low) + BORDER)
     corner = 0.5 * (low + high) - shape
     for b in np.flatnonzero(2 * shape.prod(axis=-1) <= size):
-        grids[b] = *shape[b], *corner[b], sum(map(len, filled))
-        filled.append(_filled(places[b], sets[b, WEIGHT], shape[b].astype(int), corner[b]))
+        (width, height), begins = shape[b].astype(int).tolist(), corner[b].tolist()
+        grids[b] = width, height, *begins, sum(map(len, filled))
+        factors = [np.empty((count * NODES, size)) for count in (width, height)]
+        bounds = [np.empty((count, size)) for count in (width, height)]
+        for line, weights in enumerate((np.ones(size), sets[b, WEIGHT])):
+            own = places[b, line], weights, begins[line]
+            fill_lines(*own, _AT, 0.0, -0.5, factors[line])
+            fill_lines(*own, np.zeros(1), 1.0, -0.25, bounds[line])
+        values = (factors[1] @ factors[0].T).reshape(height, NODES, width, NODES).swapaxes(1, 2)
+        tiles = np.empty((height * width, TILE))
+        tiles[:, :BOUND] = (_POWERS @ (_FIT @ values @ _FIT.T) @ _POWERS.T).reshape(-1, BOUND)
+        tiles[:, BOUND] = np.maximum(_ERROR / ACCURACY * (bounds[1] @ bounds[0].T).ravel(), LEAST)
+        filled.append(tiles)
     return np.concatenate(filled), grids
-
-
-def _filled(
-    places: NDArray[Any], weights: NDArray[Any], shape: NDArray[Any], corner: NDArray[Any]
-) -> NDArray[Any]:
-    """The tiles (T, TILE) of one set with components at ``places`` (2, N), row by row."""
-    factors, bounds = [], []
-    for line, count, begin in zip(places, shape, corner, strict=True):
-        away = begin + 1.0 + 2.0 * np.arange(count)[:, None] - line  # of the tiles' centres
-        factor = away[:, None] + _AT[:, None]
-        factor *= factor  # in place: new memory would take longer than the numbers
-        factor *= -0.5
-        factors.append((_COEFFICIENTS @ np.exp(factor, out=factor)).reshape(-1, len(weights)))
-        bounds.append(np.exp(-0.25 * np.clip(np.abs(away) - 1.0, 0.0, None) ** 2))
-    across, along = factors  # (tiles NODES, N)
-    along *= weights
-    values = (along @ across.T).reshape(shape[1], NODES, shape[0], NODES)
-    tiles = np.empty((int(shape.prod()), TILE))
-    tiles[:, :BOUND] = values.swapaxes(1, 2).reshape(-1, BOUND)
-    tiles[:, BOUND] = _ERROR / ACCURACY * ((bounds[1] * weights) @ bounds[0].T).ravel()
-    return tiles

@@ -299,7 +299,7 @@ def track_of(estimates: Collection[VelocityEstimate]) -> Track:
 
 def compile_for(estimator: OdometryEstimator) -> None:
     """Run what an estimator will run on a few made-up scans, so that all of it is compiled."""
-    angles = np.linspace(-0.6, 0.6, 12)
+    angles = np.linspace(-0.6, 0.6, 64)  # so many that the outlier component has tiles
     distances, along = 20.0 + 3.0 * np.cos(9.0 * angles), np.cos(angles)
     scans = [
         RadarScan(time, distances - time * along, angles, -along, 0.1, 0.01, 0.1)
