@@ -134,9 +134,9 @@ class Tracker:
     """The motion of a vehicle scan by scan, as its sensors measure.  One is for one thread.
 
     It compiles what it needs when it is made, for up to a minute the first time on a machine and
-    for half a second later; `gc.freeze` then spares a service full garbage collections, of 80 ms.
-    It keeps the estimates; a service that runs for days takes them from `add` and says how many to
-    ``keep``.
+    for a fifth of a second later; `gc.freeze` then spares a service full garbage collections, of
+    80 ms.  It keeps the estimates; a service that runs for days takes them from `add` and says how
+    many to ``keep``.
 
     Raises a ``ValueError`` if an argument is invalid.  Warns of the scans that it leaves out, as
     `track` does; ``logging.captureWarnings(True)`` sends warnings to the logger "py.warnings".
