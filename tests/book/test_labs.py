@@ -313,7 +313,7 @@ def test_the_address_brings_the_view_back(lab: Laboratory, hand: Hand, address: 
         hand.find(f"#{lab.id}-{lab.slider}").send_keys(Keys.ARROW_RIGHT)
     state = hand.ask("lab.state")
     assert state != first
-    browser.wait(hand.driver, "return location.hash.includes('?')")
+    browser.wait(hand.driver, f"return location.href.endsWith({hand.it}.address())")
     hand.open(hand.driver.current_url)
     again = hand.ask("lab.state")
     for key, value in state.items():
