@@ -3,9 +3,7 @@
 - ``compiled``: compiled as a function of its own
 - ``inlined``: compiled, then copied into its callers
 - ``vectorised``: the same, for loops over the lanes, in which products and sums may be fused
-- ``merged``: written into its caller before that is compiled; no entry may contain it twice.  Every
-  layer of functions that are compiled and then linked adds up to a second to the first call.  Use
-  it only for functions that call many others: merging a small one costs more than linking it.
+- ``merged``: written into its caller before that is compiled; no entry may contain it twice
 - ``entry``: called from Python, without the GIL, and kept on disk where a folder is writable
 
 None of them counts references (``_nrt``): where arrays are passed in tuples, counting costs as much
@@ -20,13 +18,17 @@ import warnings
 from collections.abc import Callable
 from functools import cache, wraps
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numba import config, njit
 from numba.core.caching import FunctionCache
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
+from numba.core.typed_passes import InlineOverloads, NopythonRewrites
+from numba.core.types import Function
+from numba.core.typing import Context
+from numba.core.untyped_passes import InlineClosureLikes
 from numpy.typing import NDArray
 
 # Products and sums may be fused, but not reordered: LLVM reorders them in one way in the process
@@ -51,8 +53,44 @@ class _LinkedLibrary(JITCodeLibrary):  # type: ignore[misc]
         self._finalized = True
 
 
-class _PartCompiler(Compiler):  # type: ignore[misc]
-    def __init__(self, typingctx: Any, targetctx: Any, *state: Any) -> None:
+class _TypingContext(Context):  # type: ignore[misc]
+    """Numba's own context, in which an operator or a function is resolved once for some types.
+
+    At every place where it stands, and in every round anew, took a third of the first call.
+    """
+
+    known: ClassVar[dict[tuple[Any, ...], Any]] = {}
+
+    def __init__(self, shared: Context) -> None:
+        self.__dict__ = vars(shared)
+
+    def resolve_function_type(self, func: Any, args: Any, kws: Any) -> Any:
+        builtin = self._lookup_global(func) or func
+        if not isinstance(builtin, Function):
+            return super().resolve_function_type(func, args, kws)
+        key = builtin, args, tuple(dict(kws).items())
+        if key not in self.known:
+            self.known[key] = super().resolve_function_type(func, args, kws)
+        return self.known[key]
+
+
+class _KernelCompiler(Compiler):  # type: ignore[misc]
+    """Numba's compiler, without the passes that look for closures and array expressions."""
+
+    def __init__(self, typingctx: Context, *state: Any) -> None:
+        super().__init__(typingctx, *state)
+        self.state.typingctx = _TypingContext(typingctx)
+
+    def define_pipelines(self) -> list[Any]:
+        (pipeline,) = super().define_pipelines()
+        superfluous = InlineClosureLikes, InlineOverloads, NopythonRewrites
+        pipeline.passes = [each for each in pipeline.passes if each[0] not in superfluous]
+        pipeline._ENFORCING = False  # Numba's check of itself, after every pass
+        return [pipeline]
+
+
+class _PartCompiler(_KernelCompiler):
+    def __init__(self, typingctx: Context, targetctx: Any, *state: Any) -> None:
         super().__init__(typingctx, targetctx, *state)
         self.state.library = _LinkedLibrary(targetctx.codegen(), "part")
 
@@ -166,7 +204,8 @@ def read_only(array: NDArray[Any], *shape: int) -> NDArray[Any]:
 
 def entry(function: Callable[..., Any]) -> Any:
     """Compile a function that Python calls."""
-    dispatcher = njit(nogil=True, error_model="numpy", _nrt=False, no_cfunc_wrapper=True)(function)
+    options = {"error_model": "numpy", "_nrt": False, "no_cfunc_wrapper": True}
+    dispatcher = njit(nogil=True, pipeline_class=_KernelCompiler, **options)(function)
     if config.DISABLE_JIT:
         return dispatcher
     try:

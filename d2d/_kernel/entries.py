@@ -207,12 +207,7 @@ def minimise_batch(batch, tolerance, max_iterations, memory, optima):
     """Minimise every problem separately, from the thetas of ``optima``; whether any one failed.
 
     Without an iteration, these are the cost and its derivatives at the starts.
-
-    A motion is sought between the sets about their centres, see `middle_of`: about an origin far
-    away a rotation moves all targets alike, and no step can tell it from a translation.  The
-    results are then brought back by the chain rule.  A measurement of the motion is linear in the
-    motion as given, or in its twist, and a velocity has no other origin than the vehicle's; both
-    stay there.
+    A motion without measurements is sought about the centres of the sets, see `middle_of`.
     """
     thetas, numbers, gradient, hessian, covariance, iterations, good, undetermined = optima
     failed, work = False, work_in(memory)

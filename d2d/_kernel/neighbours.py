@@ -1,15 +1,6 @@
 """Lists of the components near each target, which hold while the targets hardly move.
 
-All components that are left out of a target's sum change it by less than ``exp(-gate)``: 2e-16, or
-more in a large set's descent, see `newton`.  ``det(A + B)^(1/2) >= det(A)^(1/2) + det(B)^(1/2)``
-(Minkowski) bounds what they can add up to for any rotation.  How large the sum is shows only
-afterwards; where it is less than expected, the cut-off is measured from the nearest component.
-
-A list stays in use from one step of a descent to the next (Verlet 1967).  With the covariance S of
-a pair and the cut-off c, it holds all components with ``(d' S^-1 d)^(1/2) <= c^(1/2) + margin``.
-None of the others comes within the cut-off while the target moves by less than the margin times the
-smallest standard deviation of its pairs.  A rotation of the target's covariance counts as a
-displacement by less than the chord of the rotation times ``(c lambda_max)^(1/2)``.
+What they leave out and how long they hold is derived in ARCHITECTURE.md.
 """
 
 import math

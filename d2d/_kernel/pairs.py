@@ -5,9 +5,6 @@ the rotated covariance ``C = R Sigma_k R'``::
 
     d = p + t - mu_i      S = C + Sigma_i      B = S^-1      u = B d      N = N(0 | d, S)
 
-The derivatives of ``N`` along the rotation follow from those along ``d``, as ``S`` turns with it
-and ``dN/dS = N_dd / 2``.
-
 Each target is paired only with the components near it, see ``neighbours.py``.
 """
 
@@ -139,9 +136,7 @@ def sum_inliers(w, fixed, setting, lists):
 def finish_inliers(w):
     """log sum_i w_i N(0 | d_i, S_i), its relative gradient and second derivatives.
 
-    They follow from the sums of 1, D, D D', K D and K^2.
-
-    d/dphi = d_phi . d + K with d_phi = (-y, x), d_phiphi = -(x, y) and
+    From the sums of `add_step`: d/dphi = d_phi . d + K with d_phi = (-y, x), d_phiphi = -(x, y) and
     M_phi = 2 [[-h, -a], [-a, h]].
     """
     at = rows.INLIER

@@ -4,11 +4,8 @@ With one covariance S_o for all components their sum is a smooth field of the fi
 f(u) = sum_i w_i exp(-|u - u_i|^2 / 2) in coordinates u in which S_o is the identity.  Each square
 tile of two standard deviations holds the polynomial through NODES x NODES Chebyshev nodes.
 
-The nth derivative of exp(-u^2 / 2) is at most 1.09 (n!)^(1/2) exp(-u^2 / 4) (Cramér), so that an
-interpolant along one coordinate errs by at most 1.09 exp(-u^2 / 4) / (n!^(1/2) 2^(n-1)) on a tile
-of half width 1, here 7.3e-12, and one along both by 3.73 times as much (one plus the Lebesgue
-constant).  A tile states its bound, the sum of these over the components at their distances from
-the tile; where that is above ACCURACY of the value, or outside all tiles, the plain sum counts.
+A tile states a bound of its error (see ARCHITECTURE.md); where that is above ACCURACY of the value,
+or outside all tiles, the plain sum counts.
 """
 
 import math
