@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from d2d._kernel import layout
-from d2d._kernel.compile import compiled, inlined, merged
+from d2d._kernel.compile import compiled, inlined
 from d2d._kernel.cost import evaluate, pair_at
 from d2d._kernel.layout import XX, YY, Accuracy, X, Y
 from d2d._kernel.neighbours import forget_neighbours
@@ -233,7 +233,7 @@ def moving_targets(batch, problem):
     return targets
 
 
-@merged
+@inlined
 def minimise(batch, problem, theta, tolerance, max_iterations, work, g, h):
     """Newton's method in a trust region, in place.
 
