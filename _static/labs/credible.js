@@ -93,6 +93,7 @@ labs.define(
     const [CHI2, CHI3] = [2, 3].map((n) => d2d.chiSquareQuantile(0.95, n));
 
     function draw() {
+      line.setAttribute("class", `lab-line lab-strong lab-${lab.state.cost}`);
       ready();
       const good = results.filter((result) => result.covariance);
       const errors = good.map((result) => result.error),
@@ -103,7 +104,7 @@ labs.define(
       drawScatter(errors, covariances, own, judged);
       histogram.histogram(own, 3, `lab-fill-${lab.state.cost}`);
       histogram.rule("x", CHI3, "lab-zero");
-      histogram.text(CHI3 + 0.2, histogram.y[1] * 0.85, "← 95 %");
+      histogram.text(CHI3 + 0.2, histogram.y[1] * 0.65, "← 95 %");
       tell({ nees: own, covariances }, judged);
     }
 
@@ -237,10 +238,7 @@ labs.define(
           }),
         ),
       ],
-      () => {
-        line.setAttribute("class", `lab-line lab-strong lab-${lab.state.cost}`);
-        draw();
-      },
+      draw,
     );
   },
 );

@@ -231,7 +231,7 @@ labs.define(
           [
             ["steered", ...cells(steered())],
             [
-              [labs.inlineMark("robust"), " robust likelihood from there"],
+              [labs.inlineMark("robust"), " robust likelihood, started at the steered velocity"],
               ...(found.converged ? cells(found.theta, found.covariance) : ["not converged", "", ""]),
             ],
             ...(revealed ? [["truth", ...cells(truth())]] : []),

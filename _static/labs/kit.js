@@ -251,7 +251,7 @@ globalThis.labs = (() => {
         wide = top / BARS,
         shares = new Array(BARS).fill(0);
       for (const each of nees) shares[Math.min(BARS - 1, Math.floor(each / wide))] += 1 / nees.length;
-      this.extent([0, top], [0, 1.06 * Math.max(0.2, ...shares)]);
+      this.extent([0, top], [0, 1.25 * Math.max(0.2, ...shares)]); // room for a label above the highest
       this.clear();
       shares.forEach((share, i) => {
         const y = this.Y(share),
@@ -262,7 +262,7 @@ globalThis.labs = (() => {
         range(0.02 * top, top, 200).map((x) => [x, wide * d2d.chiSquareDensity(x, n)]),
         "lab-truth",
       );
-      this.text(0.99 * top, 0.06 * this.y[1], `≥ ${fixed(top - wide, 0)}`, { "text-anchor": "end" });
+      this.text(0.99 * top, shares.at(-1), `≥ ${fixed(top - wide, 0)}`, { dy: -5, "text-anchor": "end" });
     }
 
     mark(kind, x, y, r, name) {
@@ -804,12 +804,9 @@ globalThis.labs = (() => {
       inside = covariance && d2d.nees(off, covariance) < 14.156; // 99.73 % of chi-square with 3 degrees of freedom
     return [
       html("strong", {}, `${fixed(Math.hypot(off[0], off[1]))} m and ${fixed(Math.abs(off[2] * 180) / Math.PI, 1)}°`),
-      " off the truth. Its covariance ",
-      !covariance
-        ? "is not defined."
-        : inside
-          ? "allows for such an error."
-          : "says that such an error is next to impossible.",
+      " off the truth. ",
+      covariance ? "The 99.7\u00a0% ellipsoid of its covariance, in x, y and rotation, " : "Its covariance is not defined.",
+      !covariance ? "" : inside ? "holds such an error." : "says that such an error is next to impossible.",
     ];
   }
 

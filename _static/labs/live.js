@@ -161,7 +161,7 @@ labs.define(
       const here = Math.min(top, d2d.evaluate(problem(), pose()).value - low);
       curve.mark("circle", lab.state.x, here, 7, "lab-knob");
       curve.text(lab.state.x, here, "now", { dx: -11, dy: 4, "text-anchor": "end" });
-      curve.text(TRUTH[0], curve.y[1], "truth", { dx: 4, dy: 14 });
+      curve.text(TRUTH[0], curve.y[1], "truth", { dx: -4, dy: 14, "text-anchor": "end" });
     }
 
     function drawError(found) {

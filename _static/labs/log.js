@@ -274,12 +274,14 @@
         shown = result;
         lab.result = result;
         results.hidden = !result;
+        setup.firstChild.hidden = !result;
+        setup.open = !result;
         lab.tell(result ? [verdict(), ...doubts()] : []);
         if (!result) return;
-        report.replaceChildren(files(), ...command());
+        report.replaceChildren(bar(download("track.tum", tracker.tumOf), download("track.csv", tracker.csvOf)), ...command());
         instant.max = result.rows.length - 1;
         lab.update();
-        lab.told.scrollIntoView({ block: "nearest" });
+        requestAnimationFrame(() => lab.element.scrollIntoView()); // once the pictures are drawn and have their heights
       }
 
       /** A reason in the signs of print. */
@@ -293,7 +295,8 @@
           share = 1 - failed.length / rows.length,
           supported = tracker.supportOf(rows),
           looks = supported < 1 / 3 ? "bad" : supported > 0.9 && !shown.doubts.length ? "good" : "fair",
-          words = { good: "The path looks right; are the σ?", fair: "Look twice at this path.", bad: "Do not use this path." },
+          good = "The path looks right. Not yet tested: whether its error bars are.",
+          words = { good, fair: "Look twice at this path.", bad: "Do not use this path." },
           kinds = Map.groupBy(failed, ({ reason }) => reason.replace(/-?\d.*/, "")),
           reasons = [...kinds.values()]
             .sort((a, b) => b.length - a.length)
@@ -340,7 +343,6 @@
         setTimeout(() => URL.revokeObjectURL(link.href), 60_000); // some browsers read it later
       }
       const download = (name, textOf) => lab.button(`Save ${name}`, () => save(name, textOf(shown.rows)));
-      const files = () => bar(download("track.tum", tracker.tumOf), download("track.csv", tracker.csvOf));
 
       /** How to get the same from the command line, and what else it does. */
       const command = () => [
@@ -477,6 +479,8 @@
       });
       form.addEventListener("invalid", ({ target }) => more.contains(target) && (more.open = true), true);
 
+      const setup = labs.fold("Change the log or its settings", drop, form); // folded where there is a result
+      setup.addEventListener("toggle", () => lab.update());
       results.append(
         labs.row(
           html(
@@ -490,7 +494,7 @@
           html("div", {}, ...curves.map(({ title, plot }) => panel(title, plot))),
         ),
       );
-      lab.build([drop, form, busy, status, wrong], () => {
+      lab.build([setup, busy, status, wrong], () => {
         if (log && !form.hidden) drawCar();
         if (!shown) return;
         drawPath();
@@ -498,6 +502,7 @@
         curves.forEach(drawCurve);
       });
       lab.element.append(results);
+      show(null);
     },
   );
 })();

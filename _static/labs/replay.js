@@ -85,7 +85,7 @@ labs.define(
 
     function drawStreet(time) {
       const width = Math.min(WIDTH, street.clientWidth || WIDTH),
-        height = width < 500 ? 190 : 330,
+        height = width < 500 ? 190 : 360,
         car = Math.min(CAR, width / 5);
       street.setAttribute("viewBox", `0 0 ${width} ${height}`);
       const [x, y, yaw] = poseAt(time),
@@ -123,7 +123,7 @@ labs.define(
       label: "Where the car is after one second by an estimate alone, and the 95 % ellipse stated for it",
       xlabel: "too far ahead (m)",
       ylabel: "too far left (m)",
-      shape: 1.1,
+      shape: 0.97,
       narrow: 0.6,
       equal: true,
     });

@@ -344,7 +344,7 @@ class Hand(test_labs.Hand):
         """Type where the sensors sit and what else the file does not say, once it is read."""
         self.wait(f"lab.element.querySelector('[role=status]').textContent.startsWith('{name}: ')")
         if log.budget:
-            self.find("summary").send_keys(Keys.ENTER)
+            self.find("form summary").send_keys(Keys.ENTER)
         places = [value for at in log.mountings.values() for value in at.values()]
         inputs = self.driver.find_elements(By.CSS_SELECTOR, "#lab-log form input")
         values = [*places, *log.sigmas.values(), *log.budget.values()]
