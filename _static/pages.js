@@ -7,6 +7,10 @@ document.addEventListener("readystatechange", () => { // before the theme looks 
   if (innerWidth >= 1200) captionsAside();
   const rows = [...document.querySelectorAll(".ledger-row")];
   if (!rows.length) return;
+  for (const link of document.querySelectorAll(".ledger-chapter > p > a")) { // by its title, as the sidebar has it
+    const page = document.querySelector(`.bd-links a[href="${link.getAttribute("href")}"]`);
+    if (page) link.textContent = page.textContent;
+  }
   filterLedger(rows);
   openClaim(rows);
   window.addEventListener("hashchange", () => openClaim(rows));
@@ -43,17 +47,6 @@ function captionsAside() {
   }
 }
 
-/** How many claims have each verdict, as lengths of a bar. */
-function verdictBar(rows) {
-  const bar = document.createElement("div");
-  bar.className = "ledger-bar";
-  for (const [verdict, alike] of Map.groupBy(rows, (row) => row.dataset.verdict)) {
-    const name = `verdict-${verdict.replaceAll(" ", "-")}`;
-    bar.innerHTML += `<span class="${name}" style="flex-grow: ${alike.length}">${alike.length} ${verdict}</span>`;
-  }
-  return bar;
-}
-
 /** Above the ledger: a list of verdicts to choose from and a field to search in. */
 function filterLedger(rows) {
   const form = document.createElement("form");
@@ -74,7 +67,7 @@ function filterLedger(rows) {
   for (const event of ["input", "change"]) form.addEventListener(event, show);
   form.addEventListener("reset", () => setTimeout(show));
   form.addEventListener("submit", (event) => event.preventDefault());
-  document.getElementById("ledger").before(verdictBar(rows), form);
+  document.getElementById("ledger").before(form);
   show();
 }
 
