@@ -15,6 +15,7 @@ from benchmarks import methods, processes
 from benchmarks.peers import PEERS
 from benchmarks.scenes import SCENES, Accuracy
 from benchmarks.timing import exponent
+from d2d.study.book import drawing
 from d2d.study.book.grammar import COSTS, OTHERS, cost_line
 from d2d.study.book.style import headline, letter_panels, use_style, write_out_ticks
 from d2d.study.results import results_path
@@ -252,11 +253,15 @@ def charts(rows: Sequence[Row]) -> None:
         for ax, curve, end in zip(axes, values, ends, strict=True):
             if found and not (ax is axes[1] and name == methods.ONE_PROPAGATED):
                 ax.plot([row.size for row in found], curve, **look)
-                end[look["label"]] = (found[-1].size, curve[-1], look["color"])
+                if found[-1].size == sizes[-1]:
+                    end[look["label"]] = (curve[-1], look["color"])
+                else:  # named above its highest mark
+                    highest = found[int(np.argmax(curve))].size, max(curve)
+                    drawing.label(ax, highest, look["label"], look["color"], (-30, 6))
     titles = "time per call (µs)", "RMSE over that of known pairs"
-    for ax, end, title in zip(axes, ends, titles, strict=True):
-        ax.set(xscale="log", yscale="log", title=title)
-        _name_ends(ax, end)
+    for ax, end, title, gap in zip(axes, ends, titles, (1.5, 1.35), strict=True):
+        ax.set(xscale="log", yscale="log", title=title, ymargin=0.1)
+        _name_ends(ax, sizes[-1], end, gap)
     write_out_ticks(axes[1].xaxis, sizes)
     write_out_ticks(axes[1].yaxis, [1, 2, 5, 10, 20, 50, 100])
     axes[1].set(xlabel="targets in each set", xlim=(None, 30.0 * sizes[-1]))
@@ -286,23 +291,26 @@ def _save(figure: Figure, name: str) -> None:
     plt.close(figure)
 
 
-def _name_ends(ax: Axes, ends: Mapping[str, tuple[float, float, str]]) -> None:
-    """Write the name of each line in a column beside all ends, and lead each line to its name."""
-    column, gap, height = 1.5 * max(x for x, _, _ in ends.values()), 1.6, 0.0
-    for name, (x, y, color) in sorted(ends.items(), key=lambda end: end[1][1]):
-        height = max(y / gap**2, gap * height)
-        ax.plot((x, column), (y, height), color=color, lw=0.5)
-        ax.text(1.05 * column, height, name, color=color, va="center", fontsize=9)
+def _name_ends(ax: Axes, x: float, ends: Mapping[str, tuple[float, str]], gap: float) -> None:
+    """Name the lines that end at ``x`` in a column, whose names are a factor ``gap`` apart."""
+    found = sorted(ends.items(), key=lambda end: end[1])
+    heights = np.log([y for _, (y, _) in found])
+    for _ in range(300):  # names that are too close push each other apart
+        push = 0.5 * np.clip(np.log(gap) - np.diff(heights), 0.0, None)
+        heights += np.append(0.0, push) - np.append(push, 0.0)
+    for (name, (y, color)), height in zip(found, np.exp(heights), strict=True):
+        ax.plot((1.08 * x, 1.4 * x), (y, height), color=color, lw=0.5)
+        ax.text(1.5 * x, height, name, color=color, va="center", fontsize=9)
 
 
 def _looks(batches: bool = False) -> Iterator[tuple[str, str, dict[str, Any]]]:
     """Cost, name and style of each line of a chart; with ``batches``, batches are hollow marks.
 
-    Peers of one library have one colour, and open marks and broken lines if they estimate or take
-    covariances.
+    Peers are grey, with ``batches`` in the colour of their library; open marks and broken lines
+    have those that estimate or take covariances.
     """
     for cost in methods.COSTS:
-        line = cost_line(cost) | {"marker": COSTS[cost].marker}
+        line = cost_line(cost) | {"marker": COSTS[cost].marker, "zorder": 3.0}
         yield cost, methods.ONE, line | {"label": f"d2d, {cost}"}
         label = f"d2d, {cost}, " + ("batch" if batches else "covariance")
         other = {"mfc": "none", "ms": 8} if batches else {"lw": 0.8, "marker": ""}
@@ -311,14 +319,8 @@ def _looks(batches: bool = False) -> Iterator[tuple[str, str, dict[str, Any]]]:
     modules = list(dict.fromkeys(peer.module for peer in PEERS))
     for peer in PEERS:
         library = modules.index(peer.module)
-        color, marker = OTHERS[library], "so^v<"[library]
-        look = {
-            "color": color,
-            "marker": marker,
-            "lw": 0.8,
-            "ms": 4,
-            "label": peer.name.split(",")[0],
-        }
+        color, name = OTHERS[library] if batches else "0.45", peer.name.split(",")[0]
+        look = {"color": color, "marker": "so^v<"[library], "lw": 0.8, "ms": 4, "label": name}
         if "GICP" in peer.name:
             look |= {"ls": "--", "mfc": "white"}
         yield "its own", peer.name, look

@@ -56,8 +56,8 @@ def factor_panels(
     """
     panels = axes.ravel()
     for ax, factor in zip(panels, factors, strict=False):
-        parameter, label, logarithmic = FACTORS[factor]
-        size, unit = {"ms": 4, "lw": 1.2}, 100.0 if "%" in label else 1.0
+        parameter, words, logarithmic = FACTORS[factor]
+        size, unit = {"ms": 4, "lw": 1.2}, 100.0 if "%" in words else 1.0
         for cost, key in STORED.items():
             chosen = select(rows, factor, cost=cost, distance_m=0.0)
             style = cost_line(key) | size | {"marker": COSTS[key].marker}
@@ -65,10 +65,9 @@ def factor_panels(
         values = list(chosen[parameter])
         if annealed:
             chosen = select(rows, factor, cost="robust", scales=ANNEALING)
-            style = cost_line("robust", label="robust, annealed,\nfrom afar") | size
-            shares = 100.0 * chosen[measure]
-            ax.plot(unit * chosen[parameter], shares, **style, marker="x", zorder=3)
-        ax.set(xlabel=label, ylim=(-3.0, 103.0))
+            style = size | {"color": BLACK, "marker": "x", "label": "robust, annealed,\nfrom afar"}
+            ax.plot(unit * chosen[parameter], 100.0 * chosen[measure], **style, zorder=3)
+        ax.set(xlabel=words, ylim=(-3.0, 103.0))
         if logarithmic:  # ticks at both ends and at one value between, if possible 1
             middle = 1.0 if min(values) < 1.0 < max(values) else values[len(values) // 2]
             ax.set_xscale("log")
@@ -76,6 +75,8 @@ def factor_panels(
     panels[-1].axis("off")
     handles = panels[0].get_legend_handles_labels()
     panels[-1].legend(*handles, loc="center", labelcolor="linecolor")
+    if annealed:
+        panels[2].text(12.0, 24.0, "from afar", fontsize=9.5)
 
 
 def start_map(ax: Axes, rows: pd.DataFrame, cost: str, scales: str, title: str) -> AxesImage:

@@ -42,7 +42,8 @@ def draw_paths(
         broad = 4.0 if name == "Gauss-Newton" else 1.5  # the path below Levenberg-Marquardt's
         color, place = LOOKS[name]
         ax.plot(*drawn, ".-", color=color, ms=5 + broad, lw=broad)
-        text = f"{name}, {len(points) - 1} steps".replace("descent, ", "\ndescent\n")
+        text = f"{name}, {len(points) - 1} steps" if len(points) > 1 else ""
+        text = text.replace("descent, ", "\ndescent\n")
         halo = [withStroke(linewidth=3.0, foreground="white")]
         ax.text(*place, text, color=color, fontsize=9, path_effects=halo)
     ax.grid(False)

@@ -67,8 +67,7 @@ def surface(
 ) -> None:
     """Draw a cost surface over t_x."""
     ax.plot(translations, values, **({"color": BLACK} | style))
-    ax.set(xlabel="$t_x$ (m)", ylabel=ylabel)
-    ax.margins(x=0.0)
+    ax.set(xlabel="$t_x$ (m)", ylabel=ylabel, xmargin=0.0, ymargin=0.2)
 
 
 def cost_surface(ax: Axes, translations: Array, log_values: Array, **style: Any) -> None:
@@ -126,9 +125,15 @@ def fused(
     style = cost_line(cost_key(cost), cost.metric)
     surface(axes[0], translations, np.exp(values), ylabel="density", **style)
     cost_surface(axes[1], translations, values, **style)
-    for ax in axes:
-        ax.axvline(scene.TRUTH, **TRUTH)
+    for ax, low in zip(axes, (0.86, 0.0), strict=True):
+        ax.axvline(scene.TRUTH, low, **TRUTH)
         ax.set_title(title, color=style["color"])
+    if cost.fusion == "likelihood":
+        inset = axes[0].inset_axes((0.66, 0.45, 0.34, 0.5))
+        near = np.abs(translations - scene.TRUTH) < 1.0
+        inset.plot(translations[near], np.exp(values[near]), **style)
+        inset.axvline(scene.TRUTH, **TRUTH)
+        inset.set(yticks=[], xticks=[scene.TRUTH, scene.TRUTH + 1.0], xmargin=0.0)
     return peaks(translations, values)
 
 

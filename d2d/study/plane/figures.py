@@ -9,7 +9,6 @@ import scipy
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, QuadMesh
 from matplotlib.figure import Figure
-from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 
 from d2d._types import Array
@@ -43,11 +42,11 @@ FAR = 45.0  # m: outliers beyond this range lie outside the scene
 ERROR_LIMITS = {"m": (0.01, 12.0), "°": (0.05, 50.0)}
 OFFSETS: Array = np.linspace(-8.0, 8.0, 129)  # from the true translation, in m
 LOWEST_COST = 0.3  # that can be told from the minimum
-CONTOURS = (1, 10, 30, 100, 300, 1000)  # of −log density above its minimum
+CAP = 50.0  # of the colours of −log density above its minimum; contours go on, in grey
+LINES: dict[str, Any] = {"levels": (1, 10, 30, 100, 300, 1000), "colors": 3 * ["w"] + 3 * [GREY]}
 ROTATIONS: Array = np.deg2rad(np.linspace(-40.0, 40.0, 321))
 IN_LABEL_UNITS = np.array([1.0, 1.0, np.rad2deg(1.0)])
 LABELS = (("m", "$t_x$"), ("m", "$t_y$"), ("°", "φ"))
-HALO = [withStroke(linewidth=2.5, foreground="white")]
 
 
 def one_draw(scenario: Scenario, seed: int = 1) -> tuple[PointSet, PointSet]:
@@ -108,7 +107,7 @@ def bounds_columns(scenario: Scenario, names: Sequence[str], finding: str) -> No
     sigmas = [
         np.sqrt(np.diagonal(r.covariances, axis1=1, axis2=2)) * IN_LABEL_UNITS for r in results
     ]
-    limits = 4.5 * np.max([np.nanmedian(s, axis=0) for s in sigmas], axis=0)
+    limits = 6.5 * np.max([np.nanmedian(s, axis=0) for s in sigmas], axis=0)
     for size in ((5.0, 5.4), (PAGE, 4.4)):
         figure, axes = plt.subplots(3, len(names), sharex=True, sharey="row", figsize=size)
         for column, result, sigma in zip(axes.T, results, sigmas, strict=True):
@@ -118,7 +117,7 @@ def bounds_columns(scenario: Scenario, names: Sequence[str], finding: str) -> No
                 error_bands(ax, np.arange(200.0), errors[:, k], sigma[:200, k], *LABELS[k])
                 ratio = np.nanmedian(sigma[:, k]) / np.sqrt(np.mean(result.errors[:, k] ** 2))
                 stated = f"stated {ratio / IN_LABEL_UNITS[k]:.1f} × actual"
-                ax.text(195.0, 0.48 * limits[k], stated, fontsize=9, ha="right", va="center")
+                ax.text(195.0, 0.88 * limits[k], stated, fontsize=9, ha="right", va="center")
             column[2].set_xlabel("run")
         headline(figure, finding)
         _head_columns(axes, names)
@@ -190,18 +189,15 @@ def planar_scene(ax: Axes, scenario: Scenario, fixed: PointSet, moving: PointSet
 def cost_map(ax: Axes, offsets: Array, log_values: Array, title: str = "") -> QuadMesh:
     """Draw a cost over t_x and t_y around the truth (cross), above its minimum.
 
-    Costs differ a hundredfold in height: colours are shares of the highest cost of the map, which
-    is written into it, and contours are labelled with the cost itself.
+    All maps have one scale of colours, which ends at `CAP`; contours tell what is higher.
     """
     above = log_values.max() - log_values
-    settings: dict[str, Any] = {"cmap": COST_MAP, "vmin": 0.0, "vmax": 100.0, "rasterized": True}
-    mesh = ax.pcolormesh(offsets, offsets, 100.0 * above / above.max(), **settings)
-    lines = ax.contour(offsets, offsets, above, CONTOURS, colors="white", linewidths=0.7)
+    settings: dict[str, Any] = {"cmap": COST_MAP, "vmin": 0.0, "vmax": CAP, "rasterized": True}
+    mesh = ax.pcolormesh(offsets, offsets, above, **settings)
+    lines = ax.contour(offsets, offsets, above, **LINES, linewidths=0.7)
     spans = [[np.ptp(line) for line in level if line.size] for level in lines.allsegs]
     long = [max(each, default=0.0) > 6.0 for each in spans]
     ax.clabel(lines, np.asarray(lines.levels)[long], fontsize=9)
-    corner: dict[str, Any] = {"fontsize": 9, "ha": "right", "path_effects": HALO}
-    ax.text(0.94, 0.07, f"highest {above.max():.0f}", transform=ax.transAxes, **corner)
     ax.grid(False)
     ax.set(xlabel="$t_x$ − truth (m)", aspect="equal", title=title)
     ax.set(xticks=[-5, 0, 5], yticks=[-5, 0, 5])
@@ -215,7 +211,7 @@ def cost_map(ax: Axes, offsets: Array, log_values: Array, title: str = "") -> Qu
 def cost_bar(figure: Figure, mesh: QuadMesh, axes: Sequence[Axes]) -> None:
     """Draw the one colour bar of all maps below them."""
     settings: dict[str, Any] = {"location": "bottom", "shrink": 0.7, "aspect": 30, "pad": 0.02}
-    figure.colorbar(mesh, ax=axes, label="−log density (% of the map's highest)", **settings)
+    figure.colorbar(mesh, ax=axes, extend="max", label="−log density", **settings)
 
 
 def error_shares(
@@ -238,6 +234,11 @@ def error_shares(
 
 
 def name_curves(ax: Axes) -> None:
-    """Name the curves of errors in the corner that no curve enters."""
-    small: dict[str, float] = {"fontsize": 8.5, "handlelength": 1.1, "handletextpad": 0.4}
-    ax.legend(loc="upper left", labelcolor="linecolor", borderaxespad=0.1, **small)
+    """Name the curves of errors at their left, with a thin line to those behind another."""
+    curves = sorted(ax.lines, key=lambda line: float(np.median(np.asarray(line.get_xdata()))))
+    for height, curve in zip((42, 62, 82), curves, strict=False):
+        places = [np.percentile(np.asarray(c.get_xdata()), height) for c in (*curves, curve)]
+        left, color = 0.85 * min(places), curve.get_color()
+        ax.plot((left, places[-1]), (height, height), color=color, lw=0.6)
+        name = str(curve.get_label())
+        ax.text(0.95 * left, height, name, color=color, ha="right", va="center", size=9)

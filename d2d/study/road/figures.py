@@ -88,9 +88,10 @@ def draw_horizons(drives: Mapping[str, Sequence[Mapping[str, Any]]]) -> Figure:
         axes[0].plot(horizon, rmse / rmse.min(), **style)
         axes[1].plot(horizon, score - score.min(), **style)
     for ax in axes:
-        ax.axvline(0.3, ymax=0.55, **TRUTH)
-    axes[0].legend(loc="upper center", ncols=2, labelcolor="linecolor")
-    axes[0].set(title="RMSE of ω over the drive's best", ylim=(0.95, 2.3))
+        ax.axvline(0.3, **TRUTH)
+    handles = axes[0].get_legend_handles_labels()
+    figure.legend(*handles, loc="outside lower center", ncols=2, labelcolor="linecolor")
+    axes[0].set_title("RMSE of ω over the drive's best")
     axes[1].set(title="log score less the drive's best", xlabel="horizon (s)")
     letter_panels(axes)
     return figure
