@@ -259,7 +259,7 @@ def charts(rows: Sequence[Row]) -> None:
                     highest = found[int(np.argmax(curve))].size, max(curve)
                     drawing.label(ax, highest, look["label"], look["color"], (-30, 6))
     titles = "time per call (µs)", "RMSE over that of known pairs"
-    for ax, end, title, gap in zip(axes, ends, titles, (1.5, 1.35), strict=True):
+    for ax, end, title, gap in zip(axes, ends, titles, (1.6, 1.5), strict=True):
         ax.set(xscale="log", yscale="log", title=title, ymargin=0.1)
         _name_ends(ax, sizes[-1], end, gap)
     write_out_ticks(axes[1].xaxis, sizes)
