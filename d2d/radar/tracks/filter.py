@@ -269,7 +269,7 @@ def guess(before: Mixture, time: float) -> Mixture:
     return Mixture(time, np.ones(1), modes, np.ones(1), passed, transition)
 
 
-def smooth(filtered: list[Mixture]) -> list[Mixture]:
+def smooth_twice(filtered: list[Mixture]) -> list[Mixture]:
     """The beliefs from all estimates, which are filtered again with the jerks that these show."""
     smoothed, again = smooth_mixtures(filtered), filtered.copy()
     for i, own in enumerate(filtered):

@@ -75,8 +75,6 @@ def factor_panels(
     panels[-1].axis("off")
     handles = panels[0].get_legend_handles_labels()
     panels[-1].legend(*handles, loc="center", labelcolor="linecolor")
-    if annealed:
-        panels[2].text(12.0, 24.0, "from afar", fontsize=9.5)
 
 
 def start_map(ax: Axes, rows: pd.DataFrame, cost: str, scales: str, title: str) -> AxesImage:

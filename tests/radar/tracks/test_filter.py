@@ -188,7 +188,7 @@ def normalised(vehicle, rate, seeds=30, seconds=4.0):
     for seed in range(seeds):
         theta, accelerations = VEHICLES[vehicle](times, seed)
         beliefs = filtered(times, drawn(np.random.default_rng(seed), times, theta, accelerations))
-        for each in (beliefs, filtering.smooth(beliefs)):
+        for each in (beliefs, filtering.smooth_twice(beliefs)):
             errors = np.array([b.whole.mean[:3] for b in each]) - theta
             stated = np.array([b.whole.covariance[:3, :3] for b in each])
             found.append(normalised_squares(errors, stated) / 3.0)
@@ -237,7 +237,7 @@ def test_estimates_far_more_precise_than_the_acceleration_are_survived():
     times = np.cumsum(rng.uniform(0.5, 1.5, 12))
     inputs = [given(np.array([5.0 + time, 0.0, 0.1]), 0.0 * SLOW, 0.0, noise) for time in times]
     beliefs = filtered(times, inputs)
-    for each in (*beliefs, *filtering.smooth(beliefs)):
+    for each in (*beliefs, *filtering.smooth_twice(beliefs)):
         assert np.linalg.eigvalsh(each.whole.covariance)[0] > 0.0
 
 
