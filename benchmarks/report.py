@@ -244,7 +244,7 @@ def charts(rows: Sequence[Row]) -> None:
     """Draw time and accuracy over the number of targets, and one against the other."""
     matplotlib.use("Agg")
     use_style()
-    figure, axes = plt.subplots(2, figsize=(5.0, 7.2), height_ratios=(1.6, 1.0), sharex=True)
+    figure, axes = plt.subplots(2, figsize=(5.5, 7.9), height_ratios=(1.6, 1.0), sharex=True)
     sizes = sorted({row.size for row in rows})
     ends: tuple[dict[str, Any], dict[str, Any]] = ({}, {})
     for cost, name, look in _looks():
@@ -270,7 +270,7 @@ def charts(rows: Sequence[Row]) -> None:
     _save(figure, "benchmarks.png")
 
     shown = [size for size in (8, 48, 200) if size in sizes]
-    figure = plt.figure(figsize=(5.0, 6.6))
+    figure = plt.figure(figsize=(5.5, 7.3))
     axes = figure.subplots(len(shown), sharex=True, sharey=True, squeeze=False)
     for ax, size in zip(axes[:, 0], shown, strict=True):
         for cost, name, look in _looks(batches=True):
@@ -287,7 +287,7 @@ def charts(rows: Sequence[Row]) -> None:
 
 
 def _save(figure: Figure, name: str) -> None:
-    figure.savefig(results_path(name), dpi=220, metadata={"Software": None})
+    figure.savefig(results_path(name), dpi=244, metadata={"Software": None})
     plt.close(figure)
 
 

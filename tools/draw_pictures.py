@@ -14,7 +14,7 @@ from d2d.study.book import drawing, grammar, style
 from d2d.study.plane.evaluation import COSTS, at_truth
 from d2d.study.road.scores import read_scores
 
-DPI = 110  # of the page; 5 inches fit a phone, which has two pixels or more for each
+DPI = 122  # of the page; 5.5 inches fit a phone, which has two pixels or more for each
 TILE = (2.6, 2.0)  # inches: three beside each other on the first pages
 STATIC = Path(__file__).resolve().parents[1] / "_static"
 ROBUST = COSTS["robust"]
@@ -31,7 +31,7 @@ def share_from_zero(scene: scenarios.Scenario, scales: tuple[float, ...]) -> flo
 def start() -> Figure:
     """Share of runs that find the truth from zero, without a schedule and with two schedules."""
     schedules = {"plain": (1.0,), "scales 4, 2, 1": (4.0, 2.0, 1.0), "scales 10 … 1": ANNEALED}
-    figure, ax = plt.subplots(figsize=(5.0, 3.8))
+    figure, ax = plt.subplots(figsize=(5.5, 4.2))
     for i, (name, scales) in enumerate(schedules.items()):
         shares = [100 * share_from_zero(scene, scales) for scene in scenarios.ALL]
         color = (grammar.GREY, grammar.YELLOW, grammar.COSTS["robust"].color)[i]
@@ -48,7 +48,7 @@ def start() -> Figure:
 
 def summing() -> Figure:
     """The errors of the three costs in every scene, and how credible their covariances are."""
-    figure, axes = plt.subplots(1, 2, figsize=(5.0, 3.3), sharey=True)
+    figure, axes = plt.subplots(1, 2, figsize=(5.5, 3.6), sharey=True)
     for name, shift in zip(grammar.COSTS, (0.22, 0.0, -0.22), strict=True):
         marks, heights = grammar.COSTS[name].marks, ROWS + shift
         results = [monte_carlo(scene, COSTS[name]) for scene in scenarios.ALL]

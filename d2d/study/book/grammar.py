@@ -104,7 +104,7 @@ def mark_truth(ax: Axes, x: float = 0.0, y: float = 0.0, size: float = 9.0) -> N
 
 def key() -> Figure:
     """The key to all figures: costs, metrics, truth, sets, start and maps."""
-    figure, axes = plt.subplots(1, 2, figsize=(5.0, 1.75), width_ratios=(1.0, 1.15))
+    figure, axes = plt.subplots(1, 2, figsize=(5.5, 1.9), width_ratios=(1.0, 1.15))
     costs = [
         Line2D([], [], color=look.color, marker=look.marker, ls=look.line, label=look.name)
         for look in COSTS.values()

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.font_manager import fontManager
 from numpy.typing import NDArray
 
-PAGE = 7.2
+PAGE = 7.45
 """Width in inches of a figure that reaches across text and margin.
 
 A figure of many panels is drawn twice, in a column and as wide as the page, and its cell has the

@@ -144,7 +144,7 @@ def targets_and_fusions(
     names: Sequence[str],
 ) -> dict[str, Peaks]:
     """Draw rows of targets, sum and likelihood, densities at the left, costs at the right."""
-    figure, axes = plt.subplots(3, 2, sharex=True, figsize=(5.0, 4.9), height_ratios=(1.3, 1, 1))
+    figure, axes = plt.subplots(3, 2, sharex=True, figsize=(5.5, 5.4), height_ratios=(1.3, 1, 1))
     axes[1, 1].sharey(axes[2, 1])
     for ax, logarithm in zip(axes[0], (False, True), strict=True):
         every_target(ax, translations, RegistrationCost(), sets, names, negative_log=logarithm)

@@ -27,7 +27,7 @@ def em_frame(
     two standard deviations.
     """
     mixture = steps[step]
-    figure, (plane, curve) = plt.subplots(2, 1, figsize=(5.0, 4.6), height_ratios=(4, 1))
+    figure, (plane, curve) = plt.subplots(2, 1, figsize=(5.5, 5.1), height_ratios=(4, 1))
     colours = COLOURS[: mixture.components]
     mean_colours = mixture.responsibilities(x) @ to_rgba_array(colours)[:, :3]
     plane.scatter(*x.T, s=10, c=np.clip(mean_colours, 0.0, 1.0))

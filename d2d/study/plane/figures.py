@@ -65,7 +65,7 @@ def cost_panels(
 
     There are two figures: for a phone, and as wide as the page.
     """
-    for layout, size, high in (("ab;cd", (5.0, 5.6), 1.0), ("abc;ddd", (PAGE, 5.4), 1.5)):
+    for layout, size, high in (("ab;cd", (5.5, 6.2), 1.0), ("abc;ddd", (PAGE, 5.6), 1.5)):
         figure, panels = plt.subplot_mosaic(layout, figsize=size, height_ratios=(high, 1.0))
         *maps, cuts = panels.values()
         for letter, ax, (name, cost) in zip("abc", maps, costs.items(), strict=True):
@@ -91,7 +91,7 @@ def error_panels(
     starts: Sequence[Start] = ("truth", "zero"),
 ) -> None:
     """Draw the share of the runs below each error, one row of panels a start."""
-    size = (5.0, 1.0 + 1.9 * len(starts))
+    size = (5.5, 1.1 + 2.1 * len(starts))
     figure, axes = plt.subplots(len(starts), 2, sharey=True, squeeze=False, figsize=size)
     for row, start in zip(axes, starts, strict=True):
         errors = {name: evaluated(scenario, COSTS[name], start).errors for name in names}
@@ -108,7 +108,7 @@ def bounds_columns(scenario: Scenario, names: Sequence[str], finding: str) -> No
         np.sqrt(np.diagonal(r.covariances, axis1=1, axis2=2)) * IN_LABEL_UNITS for r in results
     ]
     limits = 6.5 * np.max([np.nanmedian(s, axis=0) for s in sigmas], axis=0)
-    for size in ((5.0, 5.4), (PAGE, 4.4)):
+    for size in ((5.5, 5.9), (PAGE, 4.6)):
         figure, axes = plt.subplots(3, len(names), sharex=True, sharey="row", figsize=size)
         for column, result, sigma in zip(axes.T, results, sigmas, strict=True):
             errors = result.errors[:200] * IN_LABEL_UNITS
@@ -129,7 +129,7 @@ def credibility_columns(scenario: Scenario, names: Sequence[str], finding: str) 
     A black line has the runs of a credible estimator in each bin of the NEES; of ratios, a dashed
     line marks 0 dB, a solid one the mean.
     """
-    size = (5.0, 4.1)
+    size = (5.5, 4.5)
     figure, axes = plt.subplots(2, len(names), sharex="row", sharey="row", figsize=size)
     edges, ratios = np.geomspace(1e-2, 1e3, 41), np.linspace(-24.0, 24.0, 33)
     for column, name in zip(axes.T, names, strict=True):

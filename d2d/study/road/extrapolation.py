@@ -163,7 +163,7 @@ def medians(by: pd.Series, values: pd.Series, edges: Array) -> tuple[Array, Arra
 def draw(scenes: Mapping[str, tuple[pd.DataFrame, Fit]], path: Path) -> None:
     """Draw medians of the excess by yaw rate and by range, and what the extrapolation predicts."""
     use_style()
-    figure, axes = plt.subplots(2, figsize=(5.0, 6.4))
+    figure, axes = plt.subplots(2, figsize=(5.5, 7.0))
     for (name, (residuals, found)), color, mark in zip(scenes.items(), OTHERS, "oDs", strict=False):
         seen = residuals.assign(excess=found.corrected)[found.keep]
         look: dict[str, Any] = {"color": color, "marker": mark, "ls": "", "ms": 4.5}
@@ -180,7 +180,7 @@ def draw(scenes: Mapping[str, tuple[pd.DataFrame, Fit]], path: Path) -> None:
     letter_panels(axes)
     axes[0].legend(loc="upper center", labelcolor="linecolor")
     headline(figure, "The radars report the velocity of half a cycle later")
-    figure.savefig(path, dpi=220, metadata={"Software": None})
+    figure.savefig(path, dpi=244, metadata={"Software": None})
     plt.close(figure)
 
 

@@ -53,7 +53,7 @@ def error_table(judged: Mapping[str, Mapping[str, Any]], caption: str = "") -> T
 
 def draw_scores(judged: Mapping[str, Mapping[str, Any]], wide: bool = False) -> Figure:
     """ANEES with its interval, and the share inside the 95 % region, of every model and drive."""
-    size = (PAGE, 0.9 + 0.36 * len(judged)) if wide else (5.0, 1.2 + 0.5 * len(judged))
+    size = (PAGE, 0.9 + 0.36 * len(judged)) if wide else (5.5, 1.3 + 0.55 * len(judged))
     figure, axes = plt.subplots(1, 2, sharey=True, figsize=size)
     places = np.arange(len(judged))[::-1]
     for k, name in enumerate(COVARIANCES):
@@ -78,7 +78,7 @@ def draw_scores(judged: Mapping[str, Mapping[str, Any]], wide: bool = False) -> 
 
 def draw_horizons(drives: Mapping[str, Sequence[Mapping[str, Any]]]) -> Figure:
     """Error of the yaw rate and log score beside each drive's best, by time between the scans."""
-    figure, axes = plt.subplots(2, figsize=(5.0, 4.8), sharex=True)
+    figure, axes = plt.subplots(2, figsize=(5.5, 5.3), sharex=True)
     looks = zip(drives.items(), (BLACK, *OTHERS), _MARKS, strict=False)
     for (name, rows), color, mark in looks:
         horizon = [row["horizon"] for row in rows]

@@ -163,7 +163,7 @@ def chart(results: Mapping[str, pd.DataFrame], path: Path) -> None:
     The colour says how far the mean is from 1, by a factor to either side.
     """
     use_style()
-    figure, axes = plt.subplots(len(results), figsize=(5.0, 5.2), sharex=True, squeeze=False)
+    figure, axes = plt.subplots(len(results), figsize=(5.5, 5.7), sharex=True, squeeze=False)
     for ax, (name, rows) in zip(axes[:, 0], results.items(), strict=True):
         for column, cell in enumerate(CELLS):
             values = by_drive(rows, "ANEES", cell).reindex(columns=[*MODELS])
@@ -187,7 +187,7 @@ def chart(results: Mapping[str, pd.DataFrame], path: Path) -> None:
         figure, "Without shared errors the ANEES is 9 to 24; a side radar alone stays too sure"
     )
     letter_panels(axes)
-    figure.savefig(path, dpi=220, metadata={"Software": None})
+    figure.savefig(path, dpi=244, metadata={"Software": None})
     plt.close(figure)
 
 
