@@ -175,7 +175,6 @@ radarscenes: $(STAMP) ## Recompute chapters/results from the data set: D2D_RADAR
 	fi
 	$(BIN)/python -m d2d.study.road estimates "$$D2D_RADARSCENES"
 	$(BIN)/python -m d2d.study.road scores "$$D2D_RADARSCENES"
-	$(BIN)/python -m d2d.study.road profile "$$D2D_RADARSCENES"
 
 nuscenes: $(STAMP) ## Recompute chapters/results from the data set: D2D_NUSCENES=<root>
 	@if [ ! -d "$$D2D_NUSCENES" ]; then \

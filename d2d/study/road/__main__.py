@@ -2,8 +2,9 @@
 
     python -m d2d.study.road PART FOLDER ...
 
-A folder is that of a data set in its official layout, RadarScenes or nuScenes; ``simulated`` needs
-none, and ``recordings`` only for its gyro.  The files in ``chapters/results`` hold no measurements.
+A folder is that of a data set in its official layout, RadarScenes or nuScenes, and of the whole log
+of the ESR for ``poses``; ``simulated`` needs none, and ``recordings`` only for its gyro.  The files
+in ``chapters/results`` hold no measurements.
 """
 
 import argparse
@@ -19,7 +20,6 @@ from d2d.study.road import (
     extrapolation,
     protocol_tables,
     recordings,
-    scan_profile,
     scores,
     simulated,
 )
@@ -27,15 +27,15 @@ from d2d.study.road.drive import find_drives, pick
 
 PARTS: dict[str, Any] = {
     "estimates": estimates.write,
-    "profile": scan_profile.write,
     "scores": scores.write,
     "displacements": displacements.write,
     "extrapolation": extrapolation.write,
     "protocol": protocol_tables.write,
     "recordings": recordings.write,
     "simulated": simulated.write,
+    "poses": recordings.write_poses,
 }
-OF_ONE_SEQUENCE, NO_DATA = ("estimates", "profile"), ("simulated", "recordings")
+NO_DATA = ("simulated", "recordings")
 
 
 def main() -> None:
@@ -43,15 +43,18 @@ def main() -> None:
     parser = argparse.ArgumentParser("python -m d2d.study.road", description=__doc__.split("\n")[0])
     parser.add_argument("part", choices=PARTS)
     parser.add_argument("folders", nargs="*", type=Path, metavar="FOLDER")
-    parser.add_argument("--sequence", default="105", help="of the parts `estimates` and `profile`")
+    parser.add_argument("--sequence", default="105", help="of the part `estimates`")
     parser.add_argument("--jobs", type=int, default=1, help="processes")
     arguments = parser.parse_args()
     if not arguments.folders and arguments.part not in NO_DATA:
         parser.error("this part needs a FOLDER")
     warnings.simplefilter("ignore")
-    sources = find_drives(arguments.folders)
     write = PARTS[arguments.part]
-    if arguments.part in OF_ONE_SEQUENCE:
+    if arguments.part == "poses":
+        write(*arguments.folders)
+        return
+    sources = find_drives(arguments.folders)
+    if arguments.part == "estimates":
         (source,) = pick(sources.get("RadarScenes", []), [arguments.sequence]).values()
         write(source)
         return

@@ -1,11 +1,13 @@
 """Logs as radars' software writes them, each tracked by one command, and a gyro beside a radar."""
 
 from collections.abc import Mapping, Sequence
-from itertools import product
+from itertools import pairwise, product
+from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
 
+from d2d import rigid
 from d2d.radar import Gyro, Track, compare, simulate_drive, track
 from d2d.radar.cli import REAL_OPTIONS, main
 from d2d.study.plane.evaluation import rms
@@ -19,8 +21,10 @@ LOGS = {  # the options that each needs; the first is real
     "simulated": "--columns x=y_m,y=-x_m,doppler=steps --scan-gap 0.01 --sigma-doppler 0.15 "
     "--mounting radar 0.4 0 0",
 }
+EPOCH = 1619075668.0  # s: zero of the times of the ESR's poses, by its log's clock
 HEAD = ("log", "accepted", "RMSE of $v_x$, $v_y$ (m/s), ω (°/s)", "ANEES")
 GYRO = ("front radar", "ω alone", "slip", "gyro", "both", "drift alone", "slip", "gyro", "both")
+POSES = ("horizon", "distance", "turn", "turn is off by", "stated", "NEES / 3")
 
 
 def write(sources: Mapping[str, Sequence[Source]]) -> None:
@@ -58,3 +62,25 @@ def write(sources: Mapping[str, Sequence[Source]]) -> None:
             lines.append([f"{whole.title}, {side}", *cells])
     if lines:
         write_page("recordings_gyro.md", f"{__package__} recordings", [markdown(GYRO, lines)])
+
+
+def write_poses(folder: Path) -> None:
+    """Judge displacements of the whole log of the ESR between the poses that are known."""
+    poses = np.loadtxt(folder / "reference_poses.csv", delimiter=",") * [1, 1, 1, np.deg2rad(1.0)]
+    (log,), lines = folder.glob("*.csv.gz"), []
+    with TemporaryDirectory() as output:
+        for horizon in ("0.3", "0.6", "1"):
+            options = [*REAL_OPTIONS.split(), "--horizon", horizon, "--output", output, "--force"]
+            main(["track", "--csv", str(log), *options, "--no-picture"])
+            driven = Track.load(f"{output}/track.npz")
+            for first, last in pairwise(poses):
+                motion = rigid.compose(rigid.inverse(first[1:]), last[1:])
+                found = driven.displacement([EPOCH + first[0]], [EPOCH + last[0]])
+                error, covariance = found.motion[0] - motion, found.covariance[0]
+                error[2] = np.arctan2(np.sin(error[2]), np.cos(error[2]))
+                turns = np.rad2deg([motion[2], abs(error[2]), np.sqrt(covariance[2, 2])])
+                cells = (f"{turn:.0f}°".replace("-", "−") for turn in turns)
+                nees = error @ np.linalg.solve(covariance, error) / 3.0
+                ends = f"{horizon} s", f"{np.hypot(*motion[:2]):.0f} m"
+                lines.append([*ends, *cells, f"{nees:.1f}"])
+    write_page("recordings_poses.md", f"{__package__} poses", [markdown(POSES, lines)])

@@ -129,7 +129,7 @@ def test_a_profile_counts_each_target_in_its_bin():
         scan(0.1, [5.0], np.deg2rad([20.0]), [3.0]),
     ]
     profile = scan_profile(scans)
-    assert (profile["scans"], profile["targets"]) == (2, 2.0)
+    assert profile["targets"] == 2.0
     assert profile["range (m)"][:3] == [1.0, 1.0, 0.0]
     of_azimuth = dict(zip(EDGES["azimuth (°)"], profile["azimuth (°)"], strict=False))
     assert (of_azimuth[-45.0], of_azimuth[15.0]) == (0.5, 1.5)
