@@ -130,7 +130,7 @@ def test_a_profile_counts_each_target_in_its_bin():
     ]
     profile = scan_profile(scans)
     assert profile["targets"] == 2.0
-    assert profile["range (m)"][:3] == [1.0, 1.0, 0.0]
+    assert profile["range (m)"][:3].tolist() == [1.0, 1.0, 0.0]
     of_azimuth = dict(zip(EDGES["azimuth (°)"], profile["azimuth (°)"], strict=False))
     assert (of_azimuth[-45.0], of_azimuth[15.0]) == (0.5, 1.5)
     assert sum(profile["Doppler velocity (m/s)"]) == 2.0
