@@ -14,13 +14,9 @@ from d2d.study.book.grammar import (
     BLACK,
     COSTS,
     COVARIANCES,
-    GREY,
-    PINK,
-    PURPLE,
     SHARE_MAP,
     SKY,
     TRUTH,
-    YELLOW,
     cost_line,
 )
 from d2d.study.book.style import write_out_ticks
@@ -50,7 +46,7 @@ def factor_panels(
     *,
     annealed: bool,
 ) -> None:
-    """Draw a column of the table over five factors, started at the truth; a legend at the end.
+    """Draw a column of the table over some factors, started at the truth; a legend in what is left.
 
     With ``annealed``, also that of the annealed robust likelihood, started 5 m and 15 degrees off.
     """
@@ -72,9 +68,9 @@ def factor_panels(
             middle = 1.0 if min(values) < 1.0 < max(values) else values[len(values) // 2]
             ax.set_xscale("log")
             write_out_ticks(ax.xaxis, (min(values), middle, max(values)))
-    panels[-1].axis("off")
-    handles = panels[0].get_legend_handles_labels()
-    panels[-1].legend(*handles, loc="center", labelcolor="linecolor")
+    for ax in panels[len(factors) :]:
+        ax.axis("off")
+        ax.legend(*panels[0].get_legend_handles_labels(), loc="center", labelcolor="linecolor")
 
 
 def start_map(ax: Axes, rows: pd.DataFrame, cost: str, scales: str, title: str) -> AxesImage:
@@ -104,17 +100,16 @@ def first_scales(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def first_scale_panel(ax: Axes, rows: pd.DataFrame) -> None:
-    """Draw success over the first scale's deviation in units of the start's distance."""
-    by_noise = first_scales(rows).groupby("noise")
-    marks = zip(by_noise, (BLACK, YELLOW, PINK, SKY, PURPLE), "Pvx^*", strict=True)
-    for (noise, chosen), color, marker in marks:
-        label = f"noise {noise:g}"
-        ax.plot(chosen.ratio, 100.0 * chosen.success, marker, color=color, ms=5, label=label)
-    ax.axvline(1.0, color=GREY, lw=0.9)
+    """Draw success over the first scale's deviation in units of the start's distance.
+
+    There is a line for each noise and distance.
+    """
+    for _, chosen in first_scales(rows).groupby(["noise", "distance_m"]):
+        ax.plot(chosen.ratio, 100.0 * chosen.success, ".-", color=COSTS["robust"].color, lw=0.8)
+    ax.axvline(1.0, color=BLACK, lw=0.9)
     ax.set_xscale("log")
     write_out_ticks(ax.xaxis, (0.01, 0.1, 1, 10, 100))
     ax.set(xlabel="first scale · σ / start error", ylabel="runs at the truth (%)", ylim=(-3, 103))
-    ax.legend(loc="lower right")
 
 
 def covariance_panel(

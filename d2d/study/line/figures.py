@@ -128,12 +128,6 @@ def fused(
     for ax, low in zip(axes, (0.86, 0.0), strict=True):
         ax.axvline(scene.TRUTH, low, **TRUTH)
         ax.set_title(title, color=style["color"])
-    if cost.fusion == "likelihood":
-        inset = axes[0].inset_axes((0.66, 0.45, 0.34, 0.5))
-        near = np.abs(translations - scene.TRUTH) < 1.0
-        inset.plot(translations[near], np.exp(values[near]), **style)
-        inset.axvline(scene.TRUTH, **TRUTH)
-        inset.set(yticks=[], xticks=[scene.TRUTH, scene.TRUTH + 1.0], xmargin=0.0)
     return peaks(translations, values)
 
 

@@ -38,8 +38,9 @@ def em_frame(
         edge = [withStroke(linewidth=3.0, foreground="white")]
         centred = {"ha": "center", "va": "center", "fontweight": "bold"}
         plane.text(*mean, f"{weight:.2f}", path_effects=edge, **centred)
-    margin = 0.08 * np.ptp(x, axis=0)
-    low, high = x.min(axis=0) - margin, x.max(axis=0) + margin
+    reach = [2.1 * np.sqrt(np.diagonal(s.covariances, axis1=1, axis2=2)) for s in steps]
+    ends = [s.means + k * each for s, each in zip(steps, reach, strict=True) for k in (-1, 1)]
+    low, high = (extreme(np.concatenate([x, *ends]), axis=0) for extreme in (np.min, np.max))
     label_planar_axes(plane)
     plane.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
     curve.plot(log_likelihoods, color=BLACK)

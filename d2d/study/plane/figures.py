@@ -8,8 +8,8 @@ import numpy as np
 import scipy
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, QuadMesh
+from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from d2d._types import Array
 from d2d.cost import RegistrationCost
@@ -34,7 +34,7 @@ from d2d.study.book.style import (
     letter_panels,
     write_out_ticks,
 )
-from d2d.study.plane.evaluation import COSTS, Start, distance_and_rotation, evaluated
+from d2d.study.plane.evaluation import COSTS, Start, distance_and_rotation, evaluated, rms
 from d2d.study.plane.optima import rotation_profile, translation_surface
 from d2d.study.plane.scenarios import Scenario
 
@@ -42,8 +42,8 @@ FAR = 45.0  # m: outliers beyond this range lie outside the scene
 ERROR_LIMITS = {"m": (0.01, 12.0), "°": (0.05, 50.0)}
 OFFSETS: Array = np.linspace(-8.0, 8.0, 129)  # from the true translation, in m
 LOWEST_COST = 0.3  # that can be told from the minimum
-CAP = 50.0  # of the colours of −log density above its minimum; contours go on, in grey
-LINES: dict[str, Any] = {"levels": (1, 10, 30, 100, 300, 1000), "colors": 3 * ["w"] + 3 * [GREY]}
+SCALE = (1, 10, 100, 1000)  # of the colours of −log density above its minimum, a logarithm
+LEVELS = (1, 10, 30, 100, 300, 1000)
 ROTATIONS: Array = np.deg2rad(np.linspace(-40.0, 40.0, 321))
 IN_LABEL_UNITS = np.array([1.0, 1.0, np.rad2deg(1.0)])
 LABELS = (("m", "$t_x$"), ("m", "$t_y$"), ("°", "φ"))
@@ -96,13 +96,13 @@ def error_panels(
     for row, start in zip(axes, starts, strict=True):
         errors = {name: evaluated(scenario, COSTS[name], start).errors for name in names}
         error_shares(row, errors, (f"translation, from {start}", f"rotation, from {start}"))
-    name_curves(axes[0, 0])
+    name_curves(axes[:, 0])
     headline(figure, finding)
     letter_panels(axes)
 
 
 def bounds_columns(scenario: Scenario, names: Sequence[str], finding: str) -> None:
-    """Errors of 200 runs over three stated sigmas, a column per cost, for phone and page."""
+    """Errors of 200 runs in order of their stated sigmas, a column per cost, phone and page."""
     results = [evaluated(scenario, COSTS[name]) for name in names]
     sigmas = [
         np.sqrt(np.diagonal(r.covariances, axis1=1, axis2=2)) * IN_LABEL_UNITS for r in results
@@ -111,60 +111,73 @@ def bounds_columns(scenario: Scenario, names: Sequence[str], finding: str) -> No
     for size in ((5.5, 5.9), (PAGE, 4.6)):
         figure, axes = plt.subplots(3, len(names), sharex=True, sharey="row", figsize=size)
         for column, result, sigma in zip(axes.T, results, sigmas, strict=True):
-            errors = result.errors[:200] * IN_LABEL_UNITS
+            errors = result.errors * IN_LABEL_UNITS
             for k, ax in enumerate(column):
                 ax.set_ylim(-limits[k], limits[k])
-                error_bands(ax, np.arange(200.0), errors[:, k], sigma[:200, k], *LABELS[k])
-                ratio = np.nanmedian(sigma[:, k]) / np.sqrt(np.mean(result.errors[:, k] ** 2))
-                stated = f"stated {ratio / IN_LABEL_UNITS[k]:.1f} × actual"
-                ax.text(195.0, 0.88 * limits[k], stated, fontsize=9, ha="right", va="center")
-            column[2].set_xlabel("run")
+                order = np.argsort(sigma[:200, k])
+                shown = errors[order, k], sigma[order, k]
+                error_bands(ax, np.arange(200.0), *shown, *LABELS[k])
+                ratio = np.nanmedian(sigma[:, k]) / rms(errors[:, k])
+                stated = f"stated {ratio:.1f} × actual"
+                ax.text(5.0, 0.84 * limits[k], stated, fontsize=9, va="center")
+                ax.set_xlabel("run, by its stated σ")
+                ax.label_outer()
         headline(figure, finding)
-        _head_columns(axes, names)
+        for letter, ax, name in zip("abc", axes[0], names, strict=False):
+            ax.set_title(f"({letter}) {LOOKS[name].name}")
 
 
 def credibility_columns(scenario: Scenario, names: Sequence[str], finding: str) -> None:
-    """Histograms of the NEES and of the credibility ratio of all runs, a column per cost.
+    """Histograms of the NEES of all runs, a column per cost, and of the credibility ratios below.
 
-    A black line has the runs of a credible estimator in each bin of the NEES; of ratios, a dashed
-    line marks 0 dB, a solid one the mean.
+    A black line has the runs of a credible estimator in each bin of the NEES.
     """
-    size = (5.5, 4.5)
-    figure, axes = plt.subplots(2, len(names), sharex="row", sharey="row", figsize=size)
-    edges, ratios = np.geomspace(1e-2, 1e3, 41), np.linspace(-24.0, 24.0, 33)
-    for column, name in zip(axes.T, names, strict=True):
-        result = evaluated(scenario, COSTS[name]).credibility
-        bars: dict[str, Any] = {"color": LOOKS[name].color, "alpha": 0.6}
-        column[0].hist(np.clip(result.nees, edges[0], edges[-1]), edges, **bars)
-        expected = len(result.nees) * np.diff(scipy.special.chdtr(3, edges))
-        column[0].stairs(expected, edges, color=BLACK, label="credible")
-        column[0].set(xscale="log", xlabel="NEES", ylabel="runs")
-        write_out_ticks(column[0].xaxis, (0.01, 1, 100))
-        column[0].margins(y=0.25)
-        decibels = 10.0 * np.log10(result.ratio)
-        column[1].hist(np.clip(decibels, ratios[0], ratios[-1]), ratios, **bars)
-        column[1].axvline(0.0, **TRUTH)
-        column[1].axvline(result.inclination, color=BLACK, lw=1.2)
-        mean = f"{round(result.inclination, 1) + 0.0:+.1f}".replace("-", "−")
-        wrong = abs(result.inclination) > DECIBELS.high
-        side = "small" if result.inclination > 0.0 else "large"
-        column[1].set_title(f"{mean} dB: " + (f"too {side}" if wrong else "fits"))
-        column[1].set(xlabel="ratio (dB)", ylabel="runs", xticks=[-20, 0, 20])
-    axes[0, 0].legend(loc="upper center", borderaxespad=0.0, handlelength=1.2)
+    figure = plt.figure(figsize=(5.5, 4.7))
+    above, below = figure.subfigures(2, squeeze=False)[:, 0]
+    edges = np.geomspace(1e-2, 1e3, 41)
+    axes = above.subplots(1, len(names), sharey=True)
+    for letter, ax, name in zip("abc", axes, names, strict=False):
+        nees = evaluated(scenario, COSTS[name]).credibility.nees
+        ax.hist(np.clip(nees, edges[0], edges[-1]), edges, color=LOOKS[name].color, alpha=0.6)
+        expected = len(nees) * np.diff(scipy.special.chdtr(3, edges))
+        ax.stairs(expected, edges, color=BLACK, label="credible")
+        ax.set(xscale="log", xlabel="NEES", title=f"({letter}) {LOOKS[name].name}")
+        write_out_ticks(ax.xaxis, (0.01, 1, 100))
+        ax.margins(y=0.25)
+    axes[0].set_ylabel("runs")
+    axes[0].legend(loc="upper center", borderaxespad=0.0, handlelength=1.2)
+    credibility_ratios(below.subplots(), scenario, names)
+    below.axes[0].set_title("(d) credibility ratios, and their mean, I²")
     headline(figure, finding)
-    _head_columns(axes, names)
 
 
-def _head_columns(axes: NDArray[np.object_], names: Iterable[str]) -> None:
-    """A letter and the name of a cost above each column; labels of heights in the first only."""
-    for ax in axes[:, 1:].ravel():
-        ax.set_ylabel("")
-    for letter, ax, name in zip("abc", axes[0], names, strict=False):
-        ax.set_title(f"({letter}) {LOOKS[name].name}")
+def credibility_ratios(ax: Axes, scenario: Scenario, names: Sequence[str]) -> None:
+    """Draw the distribution of the credibility ratio of each cost, a row each, with its mean."""
+    edges = np.linspace(-24.0, 24.0, 97)
+    verdicts = []
+    for row, name in enumerate(names):
+        result, look = evaluated(scenario, COSTS[name]).credibility, LOOKS[name]
+        decibels = np.clip(10.0 * np.log10(result.ratio), edges[0], edges[-1])
+        counts = np.histogram(decibels, edges)[0]
+        heights = 0.8 * counts / counts.max() - row
+        ax.stairs(heights, edges, baseline=-row, fill=True, color=look.color, alpha=0.6)
+        ax.plot([result.inclination] * 2, (-row, 0.8 - row), color=BLACK, lw=1.2)
+        mean = f"{round(result.inclination, 1) + 0.0:+.1f}".replace("-", "−")
+        fits = abs(result.inclination) <= DECIBELS.high
+        side = "small" if result.inclination > 0.0 else "large"
+        verdicts.append(f"{mean} dB: " + ("fits" if fits else f"σ too {side}"))
+    ax.set_yticks(-np.arange(len(names)), verdicts, va="bottom")
+    for text, name in zip(ax.get_yticklabels(), names, strict=True):
+        text.set_color(LOOKS[name].color)
+    ax.axvline(0.0, **TRUTH)
+    ax.set(xlabel="ratio (dB)", xlim=(edges[0], edges[-1]), ylim=(-len(names) + 0.9, 1.0))
+    ax.tick_params(axis="y", length=0)
 
 
-def planar_scene(ax: Axes, scenario: Scenario, fixed: PointSet, moving: PointSet) -> None:
-    """Both scans of a scene, each in its own frame, with 3-sigma ellipses.
+def planar_scene(
+    ax: Axes, scenario: Scenario, fixed: PointSet, moving: PointSet, *, bounds: bool = True
+) -> None:
+    """Both scans of a scene, each in its own frame, with 3-sigma ellipses unless not ``bounds``.
 
     A thin line joins what both scans see of a target.  A ring marks each outlier: thin if it is
     close to a target, thick if it is far from all.
@@ -175,7 +188,8 @@ def planar_scene(ax: Axes, scenario: Scenario, fixed: PointSet, moving: PointSet
         (fixed, scenario.outliers_fixed, "fixed", "previous F"),
         (moving, scenario.outliers_moving, "moving", "current M"),
     ):
-        ellipses(ax, points, edgecolor=SETS[name].color)
+        if bounds:
+            ellipses(ax, points, edgecolor=SETS[name].color)
         ax.plot(*points.means.T, **set_marks(name) | {"ms": 4, "label": words})
         far = np.hypot(*outliers.T) > FAR
         for mask, width, kind in ((~far, 1.2, "close"), (far, 2.8, "far")):
@@ -189,18 +203,18 @@ def planar_scene(ax: Axes, scenario: Scenario, fixed: PointSet, moving: PointSet
 def cost_map(ax: Axes, offsets: Array, log_values: Array, title: str = "") -> QuadMesh:
     """Draw a cost over t_x and t_y around the truth (cross), above its minimum.
 
-    All maps have one scale of colours, which ends at `CAP`; contours tell what is higher.
+    All maps have one logarithmic scale of colours, `SCALE`.
     """
-    above = log_values.max() - log_values
-    settings: dict[str, Any] = {"cmap": COST_MAP, "vmin": 0.0, "vmax": CAP, "rasterized": True}
-    mesh = ax.pcolormesh(offsets, offsets, above, **settings)
-    lines = ax.contour(offsets, offsets, above, **LINES, linewidths=0.7)
+    above = np.maximum(log_values.max() - log_values, LOWEST_COST)
+    settings: dict[str, Any] = {"cmap": COST_MAP, "norm": LogNorm(SCALE[0], SCALE[-1])}
+    mesh = ax.pcolormesh(offsets, offsets, above, rasterized=True, **settings)
+    lines = ax.contour(offsets, offsets, above, LEVELS, colors="white", linewidths=0.7)
     spans = [[np.ptp(line) for line in level if line.size] for level in lines.allsegs]
-    long = [max(each, default=0.0) > 6.0 for each in spans]
+    long = [max(each, default=0.0) > 3.5 for each in spans]
     ax.clabel(lines, np.asarray(lines.levels)[long], fontsize=9)
     ax.grid(False)
-    ax.set(xlabel="$t_x$ − truth (m)", aspect="equal", title=title)
-    ax.set(xticks=[-5, 0, 5], yticks=[-5, 0, 5])
+    ax.set(aspect="equal", title=title, xticks=[-5, 0, 5], yticks=[-5, 0, 5])
+    ax.set_xlabel("$t_x$ − truth (m)")
     spec = ax.get_subplotspec()
     if spec is None or spec.is_first_col():
         ax.set_ylabel("$t_y$ − truth (m)")
@@ -210,8 +224,9 @@ def cost_map(ax: Axes, offsets: Array, log_values: Array, title: str = "") -> Qu
 
 def cost_bar(figure: Figure, mesh: QuadMesh, axes: Sequence[Axes]) -> None:
     """Draw the one colour bar of all maps below them."""
-    settings: dict[str, Any] = {"location": "bottom", "shrink": 0.7, "aspect": 30, "pad": 0.02}
-    figure.colorbar(mesh, ax=axes, extend="max", label="−log density", **settings)
+    settings: dict[str, Any] = {"location": "bottom", "shrink": 0.7, "aspect": 35, "pad": 0.02}
+    bar = figure.colorbar(mesh, ax=axes, extend="both", label="−log density", **settings)
+    write_out_ticks(bar.ax.xaxis, SCALE)
 
 
 def error_shares(
@@ -225,20 +240,15 @@ def error_shares(
         distance, turn = distance_and_rotation(of_runs)
         share = 100.0 * np.arange(1, len(of_runs) + 1) / len(of_runs)
         style = (styles or {}).get(name) or cost_line(name, label=LOOKS[name].name.split()[0])
-        for ax, values in zip(axes, (distance, np.rad2deg(turn)), strict=True):
+        for ax, values in zip(axes, (distance, np.rad2deg(turn)), strict=False):
             ax.step(np.sort(values), share, where="post", **style)
-    for ax, title, (unit, limits) in zip(axes, titles, ERROR_LIMITS.items(), strict=True):
+    for ax, title, (unit, limits) in zip(axes, titles, ERROR_LIMITS.items(), strict=False):
         ax.set(xscale="log", xlabel=f"error ({unit})", title=title)
         write_out_ticks(ax.xaxis, (0.01, 0.1, 1, 10))
         ax.set(ylabel="runs (%)", ylim=(0.0, 102.0), xlim=limits)
 
 
-def name_curves(ax: Axes) -> None:
-    """Name the curves of errors at their left, with a thin line to those behind another."""
-    curves = sorted(ax.lines, key=lambda line: float(np.median(np.asarray(line.get_xdata()))))
-    for height, curve in zip((42, 62, 82), curves, strict=False):
-        places = [np.percentile(np.asarray(c.get_xdata()), height) for c in (*curves, curve)]
-        left, color = 0.85 * min(places), curve.get_color()
-        ax.plot((left, places[-1]), (height, height), color=color, lw=0.6)
-        name = str(curve.get_label())
-        ax.text(0.95 * left, height, name, color=color, ha="right", va="center", size=9)
+def name_curves(axes: Iterable[Axes]) -> None:
+    """Name the curves of errors where no curve comes: at the upper left."""
+    for ax in axes:
+        ax.legend(loc="upper left", labelcolor="linecolor", handlelength=1.7, borderaxespad=0.2)
