@@ -244,7 +244,7 @@ def charts(rows: Sequence[Row]) -> None:
     """Draw time and accuracy over the number of targets, and one against the other."""
     matplotlib.use("Agg")
     use_style()
-    figure, axes = plt.subplots(2, figsize=(5.5, 7.9), height_ratios=(1.6, 1.0), sharex=True)
+    figure, axes = plt.subplots(2, figsize=(5.5, 6.2), height_ratios=(1.6, 1.0), sharex=True)
     sizes = sorted({row.size for row in rows})
     ends: tuple[dict[str, Any], dict[str, Any]] = ({}, {})
     for cost, name, look in _looks():
@@ -259,7 +259,7 @@ def charts(rows: Sequence[Row]) -> None:
                     highest = found[int(np.argmax(curve))].size, max(curve)
                     drawing.label(ax, highest, look["label"], look["color"], (-30, 6))
     titles = "time per call (µs)", "RMSE over that of known pairs"
-    for ax, end, title, gap in zip(axes, ends, titles, (1.6, 1.5), strict=True):
+    for ax, end, title, gap in zip(axes, ends, titles, (1.8, 1.7), strict=True):
         ax.set(xscale="log", yscale="log", title=title, ymargin=0.1)
         _name_ends(ax, sizes[-1], end, gap)
     write_out_ticks(axes[1].xaxis, sizes)
@@ -270,17 +270,20 @@ def charts(rows: Sequence[Row]) -> None:
     _save(figure, "benchmarks.png")
 
     shown = [size for size in (8, 48, 200) if size in sizes]
-    figure = plt.figure(figsize=(5.5, 7.3))
-    axes = figure.subplots(len(shown), sharex=True, sharey=True, squeeze=False)
-    for ax, size in zip(axes[:, 0], shown, strict=True):
-        for cost, name, look in _looks(batches=True):
+    figure, axes = plt.subplots(1, 2, figsize=(5.5, 5.0), sharey=True)
+    words = ", ".join(map(str, shown))
+    beside = {"transform": axes[0].get_yaxis_transform(), "ha": "right", "va": "center"}
+    for height, (cost, name, look) in enumerate(_looks(batches=True)):
+        for n, size in enumerate(shown):
             if row := find(rows, size, "truth", cost, name):
-                ax.plot(1e6 * row.best, row.accuracy.over_floor, **look | {"ls": "none"})
-        ax.set(xscale="log", yscale="log", title=f"{size} targets: RMSE over that of known pairs")
-    write_out_ticks(axes[0, 0].yaxis, [1, 2, 5, 10, 20])
-    axes[-1, 0].set_xlabel("time of a registration (µs)")
-    handles = axes[0, 0].get_legend_handles_labels()
-    figure.legend(*handles, loc="outside lower center", ncols=2, labelcolor="mec")
+                marks = {"color": look["color"], "marker": look["marker"], "ms": 4.0 + 2.5 * n}
+                axes[0].plot(1e6 * row.best, height, mfc="none", **marks)
+                axes[1].plot(row.accuracy.over_floor, height, mfc="none", **marks)
+        axes[0].text(-0.03, height, look["label"], color=look["color"], **beside)
+    axes[0].set(xscale="log", xlabel="µs", title=f"time for {words} targets", yticks=[])
+    axes[0].invert_yaxis()
+    axes[1].set(xscale="log", xlabel="times that of known pairs", title="RMSE")
+    write_out_ticks(axes[1].xaxis, [1, 2, 5, 10, 20])
     headline(figure, "In a batch d2d is the fastest, and nothing is more accurate")
     letter_panels(axes)
     _save(figure, "benchmarks_accuracy.png")
@@ -304,26 +307,23 @@ def _name_ends(ax: Axes, x: float, ends: Mapping[str, tuple[float, str]], gap: f
 
 
 def _looks(batches: bool = False) -> Iterator[tuple[str, str, dict[str, Any]]]:
-    """Cost, name and style of each line of a chart; with ``batches``, batches are hollow marks.
+    """Cost, name and style of each line of a chart; with ``batches``, these and no covariances.
 
-    Peers are grey, with ``batches`` in the colour of their library; open marks and broken lines
-    have those that estimate or take covariances.
+    Peers have the colour and the mark of their library; broken lines take covariances.
     """
     for cost in methods.COSTS:
-        line = cost_line(cost) | {"marker": COSTS[cost].marker, "zorder": 3.0}
+        line = cost_line(cost) | {"marker": COSTS[cost].marker, "zorder": 3.0, "lw": 2.2}
         yield cost, methods.ONE, line | {"label": f"d2d, {cost}"}
         label = f"d2d, {cost}, " + ("batch" if batches else "covariance")
-        other = {"mfc": "none", "ms": 8} if batches else {"lw": 0.8, "marker": ""}
         name = methods.BATCH if batches else methods.ONE_PROPAGATED
-        yield cost, name, line | other | {"label": label}
+        yield cost, name, line | {"lw": 0.8, "label": label} | ({} if batches else {"marker": ""})
     modules = list(dict.fromkeys(peer.module for peer in PEERS))
     for peer in PEERS:
-        library = modules.index(peer.module)
-        color, name = OTHERS[library] if batches else "0.45", peer.name.split(",")[0]
-        look = {"color": color, "marker": "so^v<"[library], "lw": 0.8, "ms": 4, "label": name}
+        library, name = modules.index(peer.module), peer.name.split(",")[0]
+        look = {"color": OTHERS[library], "marker": "so^v<"[library], "lw": 1.0, "ms": 4}
         if "GICP" in peer.name:
             look |= {"ls": "--", "mfc": "white"}
-        yield "its own", peer.name, look
+        yield "its own", peer.name, look | {"label": name}
 
 
 def write(m: Measured) -> None:

@@ -58,9 +58,10 @@ def summing() -> Figure:
     axes[0].set_yticks(ROWS, SCENES)
     axes[0].set(xlabel="RMSE (m)", xlim=(0, None), title="error")
     axes[1].axvline(1.0, **grammar.TRUTH)
-    axes[1].set(xscale="log", xlabel="ANEES", title="stated too large ◂ 1 ▸ too small")
+    axes[1].set(xscale="log", xlabel="ANEES", title="variance: ← too large, too small →")
     style.write_out_ticks(axes[1].xaxis, (0.1, 1, 10, 100))
-    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
+    handles = axes[0].get_legend_handles_labels()
+    figure.legend(*handles, loc="outside lower center", ncols=3, labelcolor="linecolor")
     style.headline(figure, "Only the robust likelihood is right in every scene")
     style.letter_panels(axes)
     return figure

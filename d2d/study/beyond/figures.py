@@ -10,6 +10,7 @@ from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 
 from d2d.study.beyond.exhaustive import ANNEALING, select
+from d2d.study.book.drawing import label
 from d2d.study.book.grammar import (
     BLACK,
     COSTS,
@@ -113,18 +114,23 @@ def first_scale_panel(ax: Axes, rows: pd.DataFrame) -> None:
 
 
 def covariance_panel(
-    ax: Axes, covariances: dict[str, StatedCovariances], title: str, *, named: bool
+    ax: Axes, covariances: dict[str, StatedCovariances], title: str, *, first: bool
 ) -> None:
-    """I^2 of both covariances, one row for each name; within the band they count as credible."""
+    """I^2 of both covariances, a row for each name; the ``first`` panel says what is what."""
     ax.axvspan(-CREDIBLE_INCLINATION, CREDIBLE_INCLINATION, color=SKY, alpha=0.4, lw=0)
     ax.axvline(0.0, **TRUTH)
     heights = np.arange(len(covariances))[::-1]
     for kind, name in (("inverse Hessian", "inverse Hessian"), ("propagated", "propagated noise")):
         values = [both.credibility(kind).inclination for both in covariances.values()]
         ax.plot(values, heights, **COVARIANCES[name].marks, ms=6)
+        if first:
+            beside = (values[-1], heights[-1]), name, COVARIANCES[name].color
+            label(ax, *beside, (7, -3) if name == "inverse Hessian" else (-88, -3))
+    if first:
+        label(ax, (CREDIBLE_INCLINATION, heights[0]), "in the band it is right", SKY, (5, -3))
     # an entry that is not a cost of the grammar keeps its name
     names = [COSTS[key].name if key in COSTS else key for key in covariances]
-    ax.set_yticks(heights, names if named else [""] * len(heights))
+    ax.set_yticks(heights, names)
     ax.set_xscale("symlog", linthresh=1.0, linscale=0.7)
     write_out_ticks(ax.xaxis, (-10, -1, 0, 1, 10))
     words = "← too large          I² (dB)          too small →"

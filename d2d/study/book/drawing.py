@@ -25,9 +25,11 @@ def ellipses(ax: Axes, points: PointSet, sigmas: float = 3.0, **style: Any) -> N
 
 
 def error_bands(ax: Axes, times: Array, errors: Array, sigma: Array, unit: str, name: str) -> None:
-    """Errors as dots in the band of three estimated standard deviations, whose edges are drawn."""
+    """Errors in the band of three estimated standard deviations; those outside are larger."""
     ax.fill_between(times, -3.0 * sigma, 3.0 * sigma, color=SKY, alpha=0.3, lw=0, label="3σ")
-    ax.plot(times, errors, ".", color=BLACK, ms=1.5, label="error")
+    outside = np.abs(errors) > 3.0 * sigma
+    ax.plot(times[~outside], errors[~outside], ".", color="0.45", ms=1.5, label="error")
+    ax.plot(times[outside], errors[outside], ".", color=BLACK, ms=4.5)
     for side in (-3.0, 3.0):
         ax.plot(times, side * sigma, color=SKY, lw=1.0)
     ax.set_ylabel(f"{name} ({unit})")

@@ -104,7 +104,8 @@ def mark_truth(ax: Axes, x: float = 0.0, y: float = 0.0, size: float = 9.0) -> N
 
 def key() -> Figure:
     """The key to all figures: costs, metrics, truth, sets, start and maps."""
-    figure, axes = plt.subplots(1, 2, figsize=(5.5, 1.9), width_ratios=(1.0, 1.15))
+    figure, axes = plt.subplots(1, 2, figsize=(5.5, 2.3), width_ratios=(1.0, 1.15))
+    figure.suptitle("Every cost, set and map has one look in all figures", x=0.01, ha="left")
     costs = [
         Line2D([], [], color=look.color, marker=look.marker, ls=look.line, label=look.name)
         for look in COSTS.values()
@@ -122,7 +123,7 @@ def key() -> Figure:
         (0.06, COST_MAP, ("low cost", "high cost")),
         (0.56, SHARE_MAP, ("share 0", "share 1")),
     ):
-        bar = figure.add_axes((left, 0.17, 0.36, 0.1), in_layout=False)
+        bar = figure.add_axes((left, 0.13, 0.36, 0.08), in_layout=False)
         bar.imshow([[k / 255 for k in range(256)]], cmap=name, aspect="auto")
         bar.set(xticks=[0, 255], xticklabels=ends, yticks=[])
         bar.grid(False)

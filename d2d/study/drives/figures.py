@@ -1,11 +1,10 @@
 """The figures of the simulated drives: frames, platform, street, errors, targets."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-import scipy
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.patches import Arc, Rectangle, Wedge
@@ -13,12 +12,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from d2d import rigid
 from d2d._types import Array
-from d2d.point_set import PointSet
-from d2d.problem import Estimate
 from d2d.radar import Comparison, Mounting
 from d2d.radar.simulation.drive import STEPS, Sensor
 from d2d.radar.simulation.world import KINDS, World
-from d2d.study.book.drawing import ellipses, intervals, label
+from d2d.study.book.drawing import error_bands, intervals, label
 from d2d.study.book.grammar import (
     BLACK,
     COSTS,
@@ -94,27 +91,26 @@ def _arrow(ax: Axes, start: Any, end: Any, color: str, **style: Any) -> None:
 
 
 def platform(ax: Axes, mounting: Mounting, sensor: Sensor) -> None:
-    """The robot from above, a metre long, with its radar and a part of its view."""
-    view_length = 2.8  # m
+    """The robot's field of view, in m, and in a frame the robot with its radar, enlarged."""
+    half, reach = np.rad2deg(sensor.field_of_view), sensor.max_range
+    near = ax.inset_axes((0.02, 0.27, 0.33, 0.46))
     for side in (-0.34, 0.34):
         for wheel in (-0.35, 0.0, 0.35):
             corner = (wheel - 0.13, side - 0.06)
-            ax.add_patch(Rectangle(corner, 0.26, 0.12, facecolor="0.35", edgecolor="none"))
-    ax.add_patch(Rectangle((-0.5, -0.27), 0.9, 0.54, facecolor="0.9", edgecolor="0.4"))
-    half, sensor_position = np.rad2deg(sensor.field_of_view), (mounting.x, mounting.y)
-    _field_of_view(ax, mounting, sensor, length=view_length, alpha=0.35)
-    ax.plot(*sensor_position, "s", color=PURPLE, ms=8)
-    label(ax, sensor_position, "radar", PURPLE, (9, -4))
-    reach = f"{half:.0f}° to either side,\n{sensor.max_range:g} m far"
-    label(ax, (mounting.x + 0.4 * view_length, 0.0), reach, PURPLE, (-4, -10))
-    label(ax, (-0.5, -0.62), "1 m long", GREY, (0, 0))
-    _arrow(ax, (0, 0), (0.3, 0), BLACK)
-    _arrow(ax, (0, 0), (0, 0.3), BLACK)
-    label(ax, (0.24, 0), "$x$", BLACK, (-2, 4))
-    label(ax, (0, 0.1), "$y$", BLACK, (-12, -2))
-    ax.set(xlim=(-0.7, mounting.x + view_length + 0.1), ylim=(-1.45, 1.45))
-    ax.set(xlabel="x (m)", ylabel="y (m)")
-    ax.set_aspect("equal")
+            near.add_patch(Rectangle(corner, 0.26, 0.12, facecolor="0.35", edgecolor="none"))
+    near.add_patch(Rectangle((-0.5, -0.27), 0.9, 0.54, facecolor="0.9", edgecolor="0.4"))
+    near.plot(mounting.x, mounting.y, "s", color=PURPLE, ms=8)
+    label(near, (mounting.x, 0.5), "radar", PURPLE, (-14, 0))
+    label(near, (-0.5, -0.62), "1 m long", GREY, (0, 0))
+    for tip, name, shift in (((0.3, 0), "$x$", (-6, 4)), ((0, 0.3), "$y$", (-12, -12))):
+        _arrow(near, (0, 0), tip, BLACK)
+        label(near, tip, name, BLACK, shift)
+    near.set(xlim=(-0.75, 0.85), ylim=(-0.8, 0.8), xticks=[], yticks=[], aspect="equal")
+    for panel in (ax, near):
+        _field_of_view(panel, mounting, sensor, length=reach, alpha=0.35)
+    ax.indicate_inset_zoom(near, edgecolor="0.4")
+    label(ax, (0.4 * reach, 0.0), f"{half:.0f}° to either side,\n{reach:g} m far", PURPLE, (0, -5))
+    ax.set(xlim=(-34.0, 52.0), ylim=(-34.0, 34.0), xlabel="x (m)", ylabel="y (m)", aspect="equal")
 
 
 def specification(sensor: Sensor) -> tuple[tuple[str, str, str], ...]:
@@ -163,44 +159,19 @@ def _field_of_view(
     ax.add_patch(Wedge(place, length, *angles, facecolor=SKY, alpha=alpha, lw=0))
 
 
-def error_columns(
-    axes: NDArray[np.object_],
-    errors: Mapping[str, Comparison],
-    limits: Sequence[Sequence[float]],
-) -> None:
-    """Draw errors over time, a column (3 axes) for each track; crosses lie beyond ``limits``."""
-    for column, (name, comparison) in enumerate(errors.items()):
-        for row, (ax, limit) in enumerate(zip(axes[:, column], limits[column], strict=True)):
-            values = comparison.errors[:, row] * IN_UNITS[row]
-            edge = np.where(np.abs(values) > limit, np.sign(values) * 0.97 * limit, np.nan)
-            ax.plot(comparison.times, values, ".", ms=1.5, color=ROBUST)
-            ax.plot(comparison.times, edge, "x", ms=3, color=BLACK)
-            rmse = f"RMSE {comparison.rmse[row]:.2g} {UNITS[row]}"
-            ax.set_title(rmse, loc="right", fontsize=8)
-            ax.axhline(0.0, **TRUTH)
-            ax.set_ylim(-limit, limit)
-        axes[0, column].set_title(f"({'abc'[column]}) {name}\n")
-        axes[-1, column].set_xlabel("time (s)")
-    for ax, symbol, unit in zip(axes[:, 0], SYMBOLS, UNITS, strict=True):
-        ax.set_ylabel(f"{symbol} ({unit})")
-
-
-def velocity_ellipses(
-    axes: Sequence[Axes], estimates: Mapping[str, Estimate], theta: Array
-) -> None:
-    """Errors without and with Doppler, in m/s and in cm/s, in 95 % ellipses; cross: ``theta``."""
-    looks = (GREY, 1.0, "m/s"), (ROBUST, 100.0, "cm/s")
-    for ax, (name, found), look in zip(axes, estimates.items(), looks, strict=True):
-        color, scale, unit = look
-        error = scale * (found.theta[None, :2] - theta[:2])
-        stated = PointSet(error, scale**2 * found.covariance[None, :2, :2])
-        size = math.sqrt(scipy.special.chdtri(2, 0.05))
-        ellipses(ax, stated, size, edgecolor=color, linewidth=1.5)
-        ax.plot(*error.T, "o", ms=3, color=color)
-        ax.plot(0.0, 0.0, "+", color=BLACK, ms=9)
-        ax.autoscale_view()
-        ax.set(xlabel=f"error of $v_x$ ({unit})", ylabel=f"error of $v_y$ ({unit})", title=name)
-        ax.set_aspect("equal", adjustable="datalim")
+def error_bounds(axes: NDArray[np.object_], judged: Mapping[str, Comparison]) -> None:
+    """Draw errors in bands of three stated sigmas, with the share inside: a column a track."""
+    for column, (name, found) in zip(axes.T, judged.items(), strict=True):
+        for k, (ax, symbol, unit) in enumerate(zip(column, SYMBOLS, UNITS, strict=True)):
+            values, sigma = found.errors[:, k] * IN_UNITS[k], found.sigmas[:, k]
+            error_bands(ax, found.times, values, sigma, unit, symbol)
+            ratio = np.abs(values) / sigma
+            inside = f"{100.0 * np.mean(ratio[np.isfinite(ratio)] < 3.0):.0f} % inside"
+            box = {"facecolor": "white", "edgecolor": "none", "pad": 1.5, "alpha": 0.9}
+            place = {"transform": ax.transAxes, "ha": "right", "va": "top", "fontsize": 9}
+            ax.text(0.99, 1.0, inside, bbox=box, **place)
+        column[0].set_title(name)
+        column[-1].set_xlabel("time (s)")
 
 
 def rejected_kinds(ax: Axes, shares: Mapping[str, Mapping[str, float]]) -> None:

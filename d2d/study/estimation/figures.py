@@ -28,7 +28,7 @@ LOOKS = {
 def draw_paths(
     ax: Axes, problem: PairedTargets, paths: Mapping[str, Path], iteration: int | None = None
 ) -> None:
-    """Draw the paths, up to an iteration, over the profiled cost in the plane of t_y and phi."""
+    """Draw the paths over the profiled cost of t_y and phi, what follows an iteration faintly."""
     ends = np.concatenate([path.points[:, 1:] for path in paths.values()])
     margin = 0.15 * np.ptp(ends, axis=0)
     t_y, angle = np.linspace(ends.min(axis=0) - margin, ends.max(axis=0) + margin, 81).T
@@ -37,13 +37,15 @@ def draw_paths(
     filled: dict[str, Any] = {"cmap": COST_MAP, "norm": LogNorm(), "alpha": 0.35, "extend": "both"}
     ax.contourf(t_y, np.rad2deg(angle), cost - cost.min() + 1.0, levels - cost.min(), **filled)
     for name, path in paths.items():
-        points = path.points[: None if iteration is None else iteration + 1]
-        drawn = points[:, 1], np.rad2deg(points[:, 2])
+        drawn = path.points[:, 1], np.rad2deg(path.points[:, 2])
         broad = 4.0 if name == "Gauss-Newton" else 1.5  # the path below Levenberg-Marquardt's
         color, place = LOOKS[name]
+        if iteration is not None:
+            ax.plot(*drawn, ".-", color=color, ms=2 + broad, lw=0.7 * broad, alpha=0.3)
+            drawn = drawn[0][: iteration + 1], drawn[1][: iteration + 1]
+            ax.plot(drawn[0][-1], drawn[1][-1], "o", color=color, ms=8 + broad, mfc="none")
         ax.plot(*drawn, ".-", color=color, ms=5 + broad, lw=broad)
-        text = f"{name}, {len(points) - 1} steps" if len(points) > 1 else ""
-        text = text.replace("descent, ", "\ndescent\n")
+        text = f"{name}, {len(path.points) - 1} steps".replace("descent, ", "\ndescent\n")
         halo = [withStroke(linewidth=3.0, foreground="white")]
         ax.text(*place, text, color=color, fontsize=9, path_effects=halo)
     ax.grid(False)

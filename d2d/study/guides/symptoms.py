@@ -128,18 +128,21 @@ def draw_atlas(figure: Figure, cards: Mapping[str, tuple[str, str]], columns: in
     truth = front_drive().truth
     swift = np.where(truth.theta[:, 0] > _NYQUIST, np.abs(truth.theta[:, 2]), 0.0)
     bend = int(np.argmax(swift))  # where the car turns, and is fast enough to fold
-    places = figure.subfigures(len(cards) // columns, columns, squeeze=False).ravel()
-    edges = {"left": 0.02, "right": 0.98, "bottom": 0.33, "top": 0.86, "wspace": 0.4}
+    heights = [0.09, *len(cards) // columns * [1.0]]  # the headline's first
+    places = figure.subfigures(len(heights), columns, height_ratios=heights)[1:].ravel()
+    edges = {"left": 0.15, "right": 0.97, "bottom": 0.24, "top": 0.9, "height_ratios": (1.7, 1.0)}
     for place, letter, (fault, (looks, cure)) in zip(
         places, string.ascii_lowercase, cards.items(), strict=False
     ):
         scans, mounting, driven = _lap(fault)
-        path, fan = place.subplots(1, 2, gridspec_kw=edges)
+        path, fan = place.subplots(2, 1, gridspec_kw=edges)
         _draw_path(path, driven, truth)
         _draw_fan(fan, scans[bend], truth.theta[bend], mounting)
         share = f"{100 * driven.converged.mean():.0f} % accepted"
-        place.suptitle(f"({letter}) {looks}", x=0.02, ha="left", fontsize=10, weight="bold")
-        place.text(0.02, 0.05, f"{fault}, {share}\n{cure}", fontsize=9)
+        place.suptitle(
+            f"({letter}) {looks}", x=0.02, y=0.98, ha="left", fontsize=9, weight="normal"
+        )
+        place.text(0.02, 0.01, f"{fault}\n{share}\n{cure}", fontsize=9)
 
 
 def _draw_path(ax: Axes, driven: Track, truth: Reference) -> None:
@@ -164,4 +167,3 @@ def _draw_fan(ax: Axes, scan: RadarScan, theta: Array, mounting: Mounting) -> No
     ax.plot(np.rad2deg(scan.azimuth), scan.doppler, ".", color=MOVING, ms=5)
     ax.set(xlim=(-62, 62), ylim=(-13, 13), xticks=[-45, 0, 45], yticks=[-10, 0, 10])
     ax.xaxis.set_major_formatter("{x:.0f}°")
-    ax.yaxis.set_major_formatter("{x:.0f} m/s")

@@ -163,7 +163,7 @@ def medians(by: pd.Series, values: pd.Series, edges: Array) -> tuple[Array, Arra
 def draw(scenes: Mapping[str, tuple[pd.DataFrame, Fit]], path: Path) -> None:
     """Draw medians of the excess by yaw rate and by range, and what the extrapolation predicts."""
     use_style()
-    figure, axes = plt.subplots(2, figsize=(5.5, 7.0))
+    figure, axes = plt.subplots(2, figsize=(5.5, 6.2))
     for (name, (residuals, found)), color, mark in zip(scenes.items(), OTHERS, "oDs", strict=False):
         seen = residuals.assign(excess=found.corrected)[found.keep]
         look: dict[str, Any] = {"color": color, "marker": mark, "ls": "", "ms": 4.5}
