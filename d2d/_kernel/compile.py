@@ -3,7 +3,6 @@
 - ``compiled``: compiled as a function of its own
 - ``inlined``: compiled, then copied into its callers
 - ``vectorised``: the same, for loops over the lanes, in which products and sums may be fused
-- ``merged``: written into its caller before that is compiled; no entry may contain it twice
 - ``entry``: called from Python, without the GIL, and kept on disk where a folder is writable
 
 None of them counts references (``_nrt``): where arrays are passed in tuples, counting costs as much
@@ -28,7 +27,7 @@ from numba.core.compiler import Compiler
 from numba.core.typed_passes import InlineOverloads, NopythonRewrites
 from numba.core.types import Function
 from numba.core.typing import Context
-from numba.core.untyped_passes import InlineClosureLikes
+from numba.core.untyped_passes import InlineClosureLikes, InlineInlinables
 from numpy.typing import NDArray
 
 # Products and sums may be fused, but not reordered: LLVM reorders them in one way in the process
@@ -75,7 +74,10 @@ class _TypingContext(Context):  # type: ignore[misc]
 
 
 class _KernelCompiler(Compiler):  # type: ignore[misc]
-    """Numba's compiler, without the passes that look for closures and array expressions."""
+    """Numba's compiler, without the passes that look for closures and array expressions.
+
+    Nothing is written into its caller before that is compiled, either: LLVM does it in less time.
+    """
 
     def __init__(self, typingctx: Context, *state: Any) -> None:
         super().__init__(typingctx, *state)
@@ -83,7 +85,7 @@ class _KernelCompiler(Compiler):  # type: ignore[misc]
 
     def define_pipelines(self) -> list[Any]:
         (pipeline,) = super().define_pipelines()
-        superfluous = InlineClosureLikes, InlineOverloads, NopythonRewrites
+        superfluous = InlineClosureLikes, InlineInlinables, InlineOverloads, NopythonRewrites
         pipeline.passes = [each for each in pipeline.passes if each[0] not in superfluous]
         pipeline._ENFORCING = False  # Numba's check of itself, after every pass
         return [pipeline]
@@ -116,7 +118,6 @@ def part(**options: Any) -> Callable[[Callable[..., Any]], Any]:
 # A function hands its flags down to those that it calls, unless they set their own.
 compiled = part(forceinline=False)
 inlined = part(forceinline=True)
-merged = part(inline="always")
 vectorised = part(forceinline=True, fastmath=FAST)
 
 

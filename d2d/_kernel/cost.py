@@ -10,7 +10,7 @@ import numpy as np
 
 from d2d._kernel import layout, rows
 from d2d._kernel.charts import exponential_chart, identity_chart, logarithm_chart
-from d2d._kernel.compile import compiled, inlined, merged, vectorised
+from d2d._kernel.compile import compiled, inlined, vectorised
 from d2d._kernel.densities import measurement_jets, outlier_jet
 from d2d._kernel.elementary import log
 from d2d._kernel.jets import (
@@ -72,7 +72,7 @@ def limit_pairs(w, outlier, factors, order, gate, first):
         w[rows.LIMIT + k] = w[rows.LIMIT + k] if w[rows.COUNTS + k] > 0.0 else -np.inf
 
 
-@merged
+@inlined
 def evaluate_block(memory, pair, setting, first, margin, lists):
     """log q_k, its gradient and q_k's second derivatives over q_k, of a block of targets.
 
@@ -133,7 +133,7 @@ def align_tops(w):
     return top
 
 
-@merged
+@inlined
 def evaluate_pair(pair, theta, fusion, accuracy, work, block):
     """Cost of one pair of sets at the motion theta; its derivatives to ``work``.
 
@@ -243,7 +243,7 @@ def add_derivatives(work, chart, interval, g, h):
     h[1, 0], h[2, 0], h[2, 1] = h[0, 1], h[0, 2], h[1, 2]
 
 
-@merged
+@inlined
 def evaluate(batch, problem, pair, theta, accuracy, work, g, h):
     """Cost of a problem at theta, and the sums of its targets' inlier shares and distances.
 

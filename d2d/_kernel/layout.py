@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from d2d._kernel import rows
-from d2d._kernel.compile import merged
+from d2d._kernel.compile import inlined
 from d2d._kernel.rows import LANES
 
 X, Y, XX, XY, YY, WEIGHT = range(6)  # rows of a packed point set
@@ -151,7 +151,7 @@ class Work(NamedTuple):
     vectors: Any  # (5, 3) of the trust region
 
 
-@merged
+@inlined
 def work_in(memory):
     """The memory of a descent, by name.
 

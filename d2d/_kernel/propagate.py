@@ -15,7 +15,7 @@ import math
 import numpy as np
 
 from d2d._kernel import layout, rows
-from d2d._kernel.compile import compiled, entry, inlined, merged, vectorised
+from d2d._kernel.compile import compiled, entry, inlined, vectorised
 from d2d._kernel.cost import align_tops, evaluate_block, motion_chart, pair_at, setting_of, total
 from d2d._kernel.densities import half_square, precision_of
 from d2d._kernel.elementary import exp
@@ -188,7 +188,7 @@ def measurement_slopes(factor, chart):
     return -e, by_value, slope * e, by_input
 
 
-@merged
+@inlined
 def cross_pair(pair, setting, fusion, memory, cross, own):
     """Cross derivatives of one pair of sets, of the gradient in the motion.
 
