@@ -90,7 +90,9 @@ html: $(STAMP) ## Build the book from the notebooks' stored outputs, in a minute
 	$(copy_sources)
 	$(build_pages)
 
+# What all processes need is compiled once, before they start.
 test: $(STAMP) ## Run the tests, and every notebook against its stored outputs
+	$(BIN)/python -c 'from d2d.radar import Mounting, Tracker; Tracker({"radar": Mounting()})'
 	$(BIN)/python -m pytest -n $(JOBS) --dist loadscope --no-loadscope-reorder --nbval --nbval-current-env \
 	  --nbval-sanitize-with tests/nbval.cfg --nbval-cell-timeout 300 $(NOTEBOOKS) tests
 

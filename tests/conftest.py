@@ -21,9 +21,23 @@ settings.register_profile("explore", deadline=None, max_examples=1000)
 settings.load_profile("reproducible")
 
 
+# What is imported and collected stays to the end: the garbage collector is spared it.
+gc.disable()
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Let nbval fork the kernels of notebooks."""
+    if config.getoption("nbval", False):
+        from jupyter_client.provisioning import local_provisioner
+
+        from tests.kernels import ForkedKernel
+
+        local_provisioner.launch_kernel = ForkedKernel
+
+
 def pytest_collection_finish() -> None:
-    """Spare the garbage collector what was imported and collected, which stays to the end."""
     gc.freeze()
+    gc.enable()
 
 
 def folder_of(data_set: str) -> Path:

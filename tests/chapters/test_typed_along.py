@@ -4,12 +4,13 @@ import os
 import warnings
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 from pathlib import Path
 
 import matplotlib
 import nbformat
 import pytest
+
+from tests.kernels import FORKS
 
 CHAPTERS = Path(__file__).resolve().parents[2] / "chapters"
 COURSE = sorted(CHAPTERS.glob("[0-9]*.ipynb"))
@@ -35,9 +36,7 @@ def test_the_course_has_at_most_fifteen_pages_and_the_book_twenty_five_notebooks
 @pytest.fixture(scope="module")
 def fresh() -> Iterator[ProcessPoolExecutor]:
     """A new process for each call, in which no more than the packages is imported."""
-    context = get_context("forkserver")
-    context.set_forkserver_preload(["d2d.study", "d2d.radar", "matplotlib.pyplot"])
-    with ProcessPoolExecutor(1, context, max_tasks_per_child=1) as pool:
+    with ProcessPoolExecutor(1, FORKS, max_tasks_per_child=1) as pool:
         yield pool
 
 

@@ -1,0 +1,52 @@
+"""Kernels of the notebooks that are tested, forked from a process that has imported what they use.
+
+Each has a namespace of its own, as in a new process; the imports take half of a short notebook.
+"""
+
+import gc
+import multiprocessing
+import os
+import sys
+import time
+
+FORKS = multiprocessing.get_context("forkserver")
+FORKS.set_forkserver_preload(
+    ["ipykernel.kernelapp", "d2d.study", "d2d.study.book.style", "scipy.integrate"]
+)
+
+
+class ForkedKernel(FORKS.Process):
+    """The process of a kernel, with what Jupyter uses of `subprocess.Popen`."""
+
+    stdin = stdout = stderr = None
+
+    def __init__(self, command, *, cwd, env, **_):
+        super().__init__(target=run, args=(command[command.index("-f") :], cwd, env))
+        self.start()
+        while os.getpgid(self.pid) != self.pid:  # which Jupyter ends as a group
+            time.sleep(1e-3)
+
+    def poll(self):
+        return self.exitcode
+
+    def wait(self):
+        self.join()
+        return self.exitcode
+
+
+def run(options, folder, environment):
+    """Turn a fork into a kernel."""
+    os.setsid()
+    gc.freeze()
+    nothing = os.open(os.devnull, os.O_RDWR)
+    for stream in range(3):
+        os.dup2(nothing, stream)
+    os.environ.clear()
+    os.environ.update(environment, JPY_PARENT_PID=str(os.getppid()))
+    os.chdir(folder)
+    sys.path[:] = [entry for entry in sys.path if not entry.endswith("tools")]
+    import matplotlib
+    from ipykernel.kernelapp import IPKernelApp
+
+    matplotlib.rcParams["backend"] = "module://matplotlib_inline.backend_inline"
+    IPKernelApp.launch_instance(argv=options)
