@@ -20,7 +20,7 @@ _IN_WORDS = {"doppler": "Doppler"}
 # Of each curve: colour, marker, the end at which its name stands, and how far from there.
 _LOOKS = {
     "range": (GREY, "^", 0, (7, -3)),
-    "azimuth": (PURPLE, "o", 2, (-40, 22)),
+    "azimuth": (PURPLE, "o", 2, (-27, 20)),
     "doppler": (OCHRE, "s", -1, (-80, -3)),
 }
 _DURATION = 40.0  # s, a lap
