@@ -4,7 +4,9 @@ document.addEventListener("readystatechange", () => { // before the theme looks 
   named.forEach((each) => each.removeAttribute("aria-label"));
   document.querySelectorAll(".measured-scroll").forEach((each) => (each.tabIndex = 0)); // to scroll by keys
   sessionStorage.removeItem("sidebar-scroll-top"); // the theme shows the page's own line instead
+  document.querySelectorAll("article code .pre").forEach((each) => (each.innerHTML = each.innerHTML.replace(BREAKS, "$1<wbr>")));
   if (innerWidth >= 1200) captionsAside();
+  if (typeof Search !== "undefined") Search.htmlToText = prose;
   const rows = [...document.querySelectorAll(".ledger-row")];
   if (!rows.length) return;
   for (const link of document.querySelectorAll(".ledger-chapter > p > a")) { // by its title, as the sidebar has it
@@ -15,6 +17,9 @@ document.addEventListener("readystatechange", () => { // before the theme looks 
   openClaim(rows);
   window.addEventListener("hashchange", () => openClaim(rows));
 }, { once: true });
+
+// Where a name may break: after a dot, an underscore, a bracket or a sign between its parts; not in a number or an option.
+const BREAKS = /([a-z)\]][._=,(/])(?=[\w"-])/gi;
 
 if (location.protocol === "file:") DOCUMENTATION_OPTIONS.SHOW_SEARCH_SUMMARY = false; // a folder's pages cannot be read
 
@@ -37,6 +42,13 @@ var Scorer = {
   term: 5,
   partialTerm: 2,
 };
+
+/** What a search's excerpt is taken from: a page's text, or a section's, without the code that draws and makes tables. */
+function prose(page, anchor) {
+  const article = new DOMParser().parseFromString(page, "text/html").querySelector("article");
+  article.querySelectorAll(".headerlink, .cell_input, details.hide, script, style").forEach((each) => each.remove());
+  return ((anchor && article.querySelector(anchor)) || article).textContent.replace(/\s+/g, " ");
+}
 
 /** Captions in the margin, from the top of their figures; the page's contents fold away from what stands there. */
 function captionsAside() {

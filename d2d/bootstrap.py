@@ -132,7 +132,7 @@ def block_length(series: ArrayLike) -> int:
 
         block = (3/2 N)^(1/3) (G / S)^(2/3),  G = sum w(k) |k| R(k),  S = sum w(k) R(k)
 
-    A first-order autoregression with coefficient a has G / S = 2 a / (1 - a^2).
+    A first-order autoregression with coefficient a has G / S = 2 a / (1 - a²).
     """
     values = check_finite("series", series, "(N,)", "(N, n)", empty=False)
     rows = len(values)

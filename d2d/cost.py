@@ -35,11 +35,11 @@ _FUSIONS = {"likelihood": layout.LIKELIHOOD, "summing": layout.SUMMING}
 
 @dataclass(frozen=True)
 class UniformOutlier(Frozen):
-    """A constant added to every target's density: q_k + c (thesis eq. 4.14, Blake-Zisserman).
+    """A constant added to every target's density: qₖ + c (thesis eq. 4.14, Blake-Zisserman).
 
     The sum is not a probability density of the target's position: its integral diverges.
 
-    The constant ``density`` c, a positive number, is in 1/m (1D) or 1/m^2 (2D).
+    The constant ``density`` c, a positive number, is in 1/m (1D) or 1/m² (2D).
     """
 
     density: float
@@ -55,10 +55,10 @@ class UniformOutlier(Frozen):
 
 @dataclass(frozen=True, eq=False)
 class CorruptedGaussian(Frozen):
-    """A wide Gaussian at every component: (1 - alpha) q_k + alpha sum_i w_i N(T(mu_k) | mu_i, S_o).
+    """A wide Gaussian at every component: (1 - α) qₖ + α ∑ᵢ wᵢ N(T(μₖ) | μᵢ, Sₒ).
 
-    The ``fraction`` of outliers alpha is within [0, 1] (thesis eq. 6.3; in its eq. 4.16, alpha is
-    the fraction of inliers), and the ``covariance`` S_o (D, D) in m^2 is symmetric positive
+    The ``fraction`` of outliers α is within [0, 1] (thesis eq. 6.3; in its eq. 4.16, α is
+    the fraction of inliers), and the ``covariance`` Sₒ (D, D) in m² is symmetric positive
     definite; in 1D, a number is taken as the variance.  The name follows Hartley & Zisserman,
     Multiple View Geometry, appendix 6.
     """
@@ -107,10 +107,10 @@ class RegistrationCost:
     Parameters
     ----------
     metric : "d2d" or "p2d"
-        Distribution to distribution, S_ki = R Sigma_k R' + Sigma_i (thesis eq. 4.7, Stoyanov 2012),
-        or point to distribution, S_ki = Sigma_i (thesis eq. 4.4, Biber 2003).
+        Distribution to distribution, Sₖᵢ = R Σₖ Rᵀ + Σᵢ (thesis eq. 4.7, Stoyanov 2012),
+        or point to distribution, Sₖᵢ = Σᵢ (thesis eq. 4.4, Biber 2003).
     fusion : "likelihood" or "summing"
-        -sum_k log q_k (thesis eq. 4.10) or -log sum_k q_k (thesis eq. 4.8; the logarithm keeps the
+        -∑ₖ log qₖ (thesis eq. 4.10) or -log ∑ₖ qₖ (thesis eq. 4.8; the logarithm keeps the
         optimum and makes the Hessian independent of the density's unit).
     outlier : UniformOutlier, CorruptedGaussian or None
         The outlier component of each target's density.
@@ -143,7 +143,7 @@ class RegistrationCost:
         *,
         measurement: LinearMeasurement | None = None,
     ) -> Array:
-        """Density q_k (..., K) of each moving target, in 1/m (1D) or 1/m^2 (2D).
+        """Density qₖ (..., K) of each moving target, in 1/m (1D) or 1/m² (2D).
 
         The outlier component is included.  With a measurement, the unit is also divided by that of
         the measurement.

@@ -55,11 +55,11 @@ def propagate_covariance(
 ) -> Array:
     """Covariance of the optimum by propagation of the measurement errors (Censi 2007).
 
-    The optimum is where the gradient vanishes, f_theta(theta, z) = 0, with z all measured
-    coordinates of both sets.  By the implicit function theorem d theta / d z = -H^-1 f_theta,z,
+    The optimum is where the gradient vanishes, f_θ(θ, z) = 0, with z all measured
+    coordinates of both sets.  By the implicit function theorem dθ / dz = -H⁻¹ f_θz,
     and to first order (thesis sec. 5.2)::
 
-        Sigma_theta = H^-1 (d2f / d theta d z) Sigma_z (d2f / d theta d z)' H^-1
+        Σ_θ = H⁻¹ f_θz Σ_z f_θzᵀ H⁻¹
 
     The covariance (..., P, P) of ``theta`` is nan where the estimate did not converge.  Raises a
     ``ValueError`` if the estimate is one of other arguments, and warns of covariances that are more
@@ -70,7 +70,7 @@ def propagate_covariance(
     estimate : Estimate
         The result of `register` with the same sets, cost and measurement.
     fixed, moving : PointSet
-        Their covariances are the diagonal blocks of Sigma_z, even if the metric ignores those of
+        Their covariances are the diagonal blocks of Σ_z, even if the metric ignores those of
         ``moving``.
     cost : RegistrationCost, optional
         By default, the D2D likelihood without an outlier component.
@@ -118,7 +118,7 @@ def _warn_of_long_targets(fixed: PointSet, moving: PointSet) -> None:
 
 
 def in_coordinates(slope: Array, covariance: Array) -> Array:
-    """J C J' (..., P, P), exactly symmetric, with the derivative J of other quantities."""
+    """J C Jᵀ (..., P, P), exactly symmetric, with the derivative J of other quantities."""
     moved = slope @ covariance @ np.swapaxes(slope, -1, -2)
     return np.asarray(0.5 * (moved + np.swapaxes(moved, -1, -2)))
 

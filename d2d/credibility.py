@@ -19,7 +19,7 @@ class Credibility:
     Attributes
     ----------
     nees : (N,) array
-        Normalised estimation error squared, e' Sigma^-1 e; its mean is ideally the dimension n.
+        Normalised estimation error squared, eᵀ Σ⁻¹ e; its mean is ideally the dimension n.
     anees : float
         Average NEES over runs and dimensions; 1 is ideal, more is optimistic.
     bounds : (2,) array
@@ -29,11 +29,11 @@ class Credibility:
     credible_nees : (N,) array
         NEES of the same errors with their actual mean square error matrix as the covariance.
     ratio : (N,) array
-        Credibility ratio rho = nees / credible_nees; above 1 is optimistic.
+        Credibility ratio ρ = nees / credible_nees; above 1 is optimistic.
     nci : float
-        Noncredibility index, ``10 mean |log10 rho|``, in dB; 0 is ideal.
+        Noncredibility index, ``10 mean |log10 ρ|``, in dB; 0 is ideal.
     inclination : float
-        Inclination indicator I^2, 10 mean log10 rho, in dB; above 0 is optimistic, below 0
+        Inclination indicator I², 10 mean log₁₀ ρ, in dB; above 0 is optimistic, below 0
         pessimistic.
     """
 
@@ -65,8 +65,8 @@ def credibility(errors: ArrayLike, covariances: ArrayLike, confidence: float = 0
 
     Notes
     -----
-    The NEES and its region follow Bar-Shalom, Li & Kirubarajan (2001), NCI and I^2 Li & Zhao
-    (2006); the thesis (sec. 6.2) prints Sigma instead of Sigma^-1 in the NEES.
+    The NEES and its region follow Bar-Shalom, Li & Kirubarajan (2001), NCI and I² Li & Zhao
+    (2006); the thesis (sec. 6.2) prints Σ instead of Σ⁻¹ in the NEES.
 
     Examples
     --------

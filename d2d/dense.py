@@ -22,7 +22,7 @@ TURN = np.array([[0.0, -1.0], [1.0, 0.0]])  # E: d R / d phi = E R
 class Pairs(NamedTuple):
     """log N(0 | d, S) of every pair of a moving target and a component, with its gradient.
 
-    With the rotated mean p and covariance C of the target: d = p + t - mu_i, B = S^-1, u = B d.
+    With the rotated mean p and covariance C of the target: d = p + t - μᵢ, B = S⁻¹, u = B d.
     """
 
     log: Array  # (B, K, N), the mixture's weight included
@@ -87,7 +87,7 @@ def components(
 
 
 def responsibilities(parts: list[Pairs], cost: RegistrationCost) -> list[Array]:
-    """gamma (B, K, N) of each component: its share of the target's density, or of all targets'."""
+    """γ (B, K, N) of each component: its share of the target's density, or of all targets'."""
     alternatives = (-1,) if cost.fusion == "likelihood" else (-2, -1)
     logs = _all_logs(parts, cost)
     top = logs.max(axis=alternatives, keepdims=True)
@@ -96,7 +96,7 @@ def responsibilities(parts: list[Pairs], cost: RegistrationCost) -> list[Array]:
 
 
 def target_log_densities(parts: list[Pairs], cost: RegistrationCost) -> Array:
-    """log q_k (B, K): the components of each target summed (thesis eq. 4.3 and 6.4)."""
+    """log qₖ (B, K): the components of each target summed (thesis eq. 4.3 and 6.4)."""
     return _log_sum(_all_logs(parts, cost))
 
 
@@ -107,7 +107,7 @@ def value(
     cost: RegistrationCost,
     measurement: LinearMeasurement | None = None,
 ) -> Array:
-    """Value (B,) of the objective: -sum_k log q_k, or -log sum_k q_k.
+    """Value (B,) of the objective: -∑ₖ log qₖ, or -log ∑ₖ qₖ.
 
     The same as `RegistrationCost.value` for motions (B, P) and point sets of batch shape (B,).
     """
@@ -134,7 +134,7 @@ def _log_sum(logs: Array) -> Array:
 
 
 class Factor(NamedTuple):
-    """Each moving target's factor of the measurement: log N(z | h' xi, sigma^2 + q^2 (s' xi)^2)."""
+    """Each moving target's factor of the measurement: log N(z | hᵀ ξ, σ² + q² (sᵀ ξ)²)."""
 
     log: Array  # (..., K)
     gradient: Array  # (..., K, P)

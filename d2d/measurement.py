@@ -18,24 +18,24 @@ _INPUT = Bounds(least=0.0, most=1e20)
 
 @dataclass(frozen=True, eq=False)
 class LinearMeasurement(Frozen):
-    """Scalars z_k ~ N(h_k' xi, sigma_k^2 + q_k^2 (s_k' xi)^2), one for each moving target.
+    """Scalars zₖ ~ N(hₖᵀ ξ, σₖ² + qₖ² (sₖᵀ ξ)²), one for each moving target.
 
-    xi is either the motion theta itself or its twist, the SE(2) logarithm `d2d.rigid.logarithm`.
+    ξ is either the motion theta itself or its twist, the SE(2) logarithm `d2d.rigid.logarithm`.
     The measurement's density multiplies the target's inlier density and leaves the outlier
-    component unchanged.  The variance may grow with the motion: ``s_k' xi`` is the derivative of
-    the prediction in an input of standard deviation ``q_k`` (for Doppler velocities the azimuth,
+    component unchanged.  The variance may grow with the motion: sₖᵀ ξ is the derivative of
+    the prediction in an input of standard deviation qₖ (for Doppler velocities the azimuth,
     thesis sec. 7.1).
 
     Parameters
     ----------
     value : (..., K) array
-        Measured values z_k.  All magnitudes are at most 1e20.
+        Measured values zₖ.  All magnitudes are at most 1e20.
     sigma, sigma_input : arrays that broadcast to (..., K)
         Standard deviations of the measurement, at least 1e-20, and of its input (not negative).
     gain, slope : (..., K, P) arrays
-        h_k and s_k.
+        hₖ and sₖ.
     of_twist : bool
-        Whether xi is the twist of the motion (2D only) instead of its parameters.
+        Whether ξ is the twist of the motion (2D only) instead of its parameters.
     """
 
     value: Array

@@ -43,7 +43,7 @@ class _Layout(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PointSet(Frozen):
-    """Gaussian targets N(mu_k, Sigma_k) with mixture weights, or a batch of such sets.
+    """Gaussian targets N(μₖ, Σₖ) with mixture weights, or a batch of such sets.
 
     Leading axes are batch axes and broadcast against each other.
 
@@ -51,8 +51,8 @@ class PointSet(Frozen):
     ----------
     means : (..., N, D) array, m
         Positions, at most 1e40 m; D is 1 or 2 and N at least 1.
-    covariances : (..., N, D, D) array, m^2
-        Symmetric positive definite, variances between 1e-80 and 1e80 m^2; or (D, D) for all.
+    covariances : (..., N, D, D) array, m²
+        Symmetric positive definite, variances between 1e-80 and 1e80 m²; or (D, D) for all.
     weights : (..., N) array, optional
         Mixture weights between 1e-100 and 1e100; 1/N each by default.  Only those of the fixed set
         are used, without normalisation.
@@ -123,7 +123,7 @@ class PointSet(Frozen):
     ) -> "PointSet":
         """Targets measured in polar coordinates, with first-order covariances.
 
-        The covariance is J diag(sigma_r^2, sigma_phi^2) J' with J = d(x, y)/d(r, phi) at the
+        The covariance is J diag(σ_r², σ_φ²) Jᵀ with J = d(x, y)/d(r, φ) at the
         measured point (thesis eq. 7.3 and 7.4, the columns of J in the order of the variances).
 
         The ranges (..., N) in m are positive, the azimuths (..., N) in rad are measured
@@ -226,7 +226,7 @@ class PointSet(Frozen):
         )
 
     def transformed(self, theta: ArrayLike) -> "PointSet":
-        """The set moved by theta (..., P): R mu_k + t and R Sigma_k R'."""
+        """The set moved by theta (..., P): R μₖ + t and R Σₖ Rᵀ."""
         return PointSet._of(
             rigid.transform_means(theta, self.means),
             rigid.transform_covariances(theta, self.covariances),

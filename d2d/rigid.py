@@ -57,7 +57,7 @@ def transform_means(theta: ArrayLike, means: ArrayLike) -> Array:
 
 
 def transform_covariances(theta: ArrayLike, covariances: ArrayLike) -> Array:
-    """Rotate covariances (..., N, D, D) by theta (..., P): R Sigma R'."""
+    """Rotate covariances (..., N, D, D) by theta (..., P): R Σ Rᵀ."""
     matrices = check_finite("covariances", covariances, "(..., N, 1, 1)", "(..., N, 2, 2)")
     parameters = motion("theta", theta, matrices.shape[-1])
     broadcast_batches("theta and covariances", parameters.shape[:-1], matrices.shape[:-3])

@@ -34,9 +34,9 @@ def sandwich_covariance(
 
     A second opinion, which needs neither the targets' covariances nor their independence::
 
-        Sigma_theta = H^-1 (sum_kl kappa_kl s_k s_l') H^-1
+        Σ_θ = H⁻¹ (∑ₖₗ κₖₗ sₖ sₗᵀ) H⁻¹
 
-    with the score s_k, the gradient of target k's part of the cost, and kappa_kl = 1 for targets
+    with the score sₖ, the gradient of target k's part of the cost, and κₖₗ = 1 for targets
     of one group, whose errors are correlated, else 0.
 
     The covariance (..., P, P) of ``theta`` is nan where the estimate did not converge.  It is the
@@ -128,19 +128,19 @@ def _labels(moving: PointSet, bound: Bound, groups: ArrayLike | None) -> NDArray
 
 
 def godambe(scores: Array, hessians: Array, labels: NDArray[Any]) -> Array:
-    """H^-1 (sum_kl kappa_kl s_k s_l') H^-1 (P, P) of scores (K, P) and Hessians (K, P, P).
+    """H⁻¹ (∑ₖₗ κₖₗ sₖ sₗᵀ) H⁻¹ (P, P) of scores (K, P) and Hessians (K, P, P).
 
-    Targets with the same label (K,) have kappa_kl = 1, others 0.  All is computed in parameters in
-    which H = sum_k H_k, which must be positive definite, is the identity.
+    Targets with the same label (K,) have κₖₗ = 1, others 0.  All is computed in parameters in
+    which H = ∑ₖ Hₖ, which must be positive definite, is the identity.
 
     - Each score is replaced by the Newton step of the optimum when the target's group is left out,
-      (I - sum_l kappa_kl H_l)^-1 s_k: the jackknife that leaves out one group at a time (CR3).
+      (I - ∑ₗ κₖₗ Hₗ)⁻¹ sₖ: the jackknife that leaves out one group at a time (CR3).
       With the root of that matrix instead, the result W is right on average wherever the inverse
       Hessian is (CR2, Bell & McCaffrey 2002).
     - The part of the deviation W - I that chance explains is removed by the factor
       ``(1 - c^2 / |W - I|^2)_+`` (James & Stein 1961).  Here c is twice the standard deviation of W
-      of as many independent groups as the targets are worth, n = 1 / sum_kl b_k b_l kappa_kl, with
-      their information b_k = tr(H^-1 H_k) / P.
+      of as many independent groups as the targets are worth, n = 1 / ∑ₖₗ bₖ bₗ κₖₗ, with
+      their information bₖ = tr(H⁻¹ Hₖ) / P.
     """
     p = scores.shape[-1]
     group = np.unique(labels, return_inverse=True)[1]

@@ -60,7 +60,7 @@ def whiten(
 
     The first component in the order is divided by its standard deviation.  From each further one,
     its expected value given the components before it is subtracted, and the rest is divided by the
-    standard deviation that remains.  This is L^-1 e with the Cholesky factor L of the covariance,
+    standard deviation that remains.  This is L⁻¹ e with the Cholesky factor L of the covariance,
     whose rows and columns are in that order.
 
     Parameters
@@ -88,7 +88,7 @@ def whiten(
 def log_score(errors: ArrayLike, covariances: ArrayLike) -> Array:
     """The logarithmic score: negative log density of each error under its stated covariance.
 
-    That is -log N(e | 0, Sigma) (N,) in nats; smaller is better.  Another unit of the errors only
+    That is -log N(e | 0, Σ) (N,) in nats; smaller is better.  Another unit of the errors only
     adds a constant.  `Whitened.log_score` has what each component contributes.
 
     The errors and covariances are those of `whiten`.
@@ -155,7 +155,7 @@ def within(errors: ArrayLike, covariances: ArrayLike, levels: ArrayLike = LEVELS
 
 
 def normalised_squares(errors: Array, covariances: Array) -> Array:
-    """The NEES e' Sigma^-1 e (N,) of errors (N, n) with covariances (N, n, n) or (n, n)."""
+    """The NEES eᵀ Σ⁻¹ e (N,) of errors (N, n) with covariances (N, n, n) or (n, n)."""
     solved = np.linalg.solve(covariances, errors[..., np.newaxis])[..., 0]
     return np.asarray(np.einsum("ni,ni->n", errors, solved))
 

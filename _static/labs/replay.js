@@ -78,8 +78,10 @@ labs.define(
         svg("rect", { class: "lab-car", x: -7, y: -6.5, width: 33, height: 13, rx: 4 }),
         svg("path", { class: "lab-glass", d: "M12,-5L17,-4V4L12,5z" }),
       );
-    const sight = svg("text", { class: "lab-label", y: 20, "text-anchor": "end" }, "what one radar of the car can see"),
-      phases = ["1 a scan", "2 the next", "3 laid onto it"].map((each) => svg("text", { class: "lab-label" }, each));
+    const sight = svg("text", { class: "lab-label", x: 12 }, "blue: seen by this radar"),
+      SIGNS = [["fixed", "● ", "1 a scan"], ["moving", "▲ ", "2 the next"], ["", "", "3 laid onto it"]],
+      sign = ([set, mark, words]) => svg("text", { class: "lab-label" }, svg("tspan", { class: `lab-set-${set}` }, mark), words),
+      phases = SIGNS.map(sign);
     street.append(body, world, sight, ...phases);
     let pair = {}; // that is shown: its number, and its two scans as they are drawn
 
@@ -110,7 +112,7 @@ labs.define(
       pair.second.setAttribute("visibility", time < second.time ? "hidden" : "visible");
       shown.setAttribute("opacity", clamp((ends - time) / 0.15, 0, 1));
       beam.setAttribute("opacity", clamp(1 - (phase ? since : time - first.time) / 0.3, 0.3, 1));
-      sight.setAttribute("x", width - 10);
+      sight.setAttribute("y", height / 2 + 42); // where no target is
       phases.forEach((each, i) => {
         const look = { x: 12 + (i * Math.min(width, 480)) / 3.6, y: height - 12, "font-weight": i === phase ? 700 : 400 };
         for (const [name, value] of Object.entries(look)) each.setAttribute(name, value);
@@ -128,6 +130,8 @@ labs.define(
       equal: true,
     });
 
+    const LOOKS = ["lab-inside", "lab-outside"]; // its ellipse
+
     function drawErrors(shown, held) {
       scatter.extent([-0.2, 0.2], [-0.27, 0.27]);
       scatter.clear();
@@ -135,9 +139,10 @@ labs.define(
       const now = shown - 1,
         { covariance } = lab.state,
         own = labs.planar(stated(covariance, (values) => (shown ? values[now] : d2d.mean(values))));
-      errors.forEach(([x, y], i) => {
-        const look = held[i] ? "lab-inside" : "lab-outside";
-        scatter.mark("circle", x, y, 2.5, i < shown ? look : `${look} lab-to-come`);
+      errors.slice(0, shown).forEach(([x, y], i) => scatter.mark("circle", x, y, 2.5, LOOKS[held[i] ? 0 : 1]));
+      LOOKS.forEach((look, i) => {
+        scatter.mark("circle", -0.18, 0.23 - 0.05 * i, 4, look);
+        scatter.text(-0.165, 0.23 - 0.05 * i, look.slice(4), { dy: 4 });
       });
       scatter.ellipse(0, 0, own, Math.sqrt(LEVEL), `lab-line lab-strong lab-${covariance}`);
       scatter.text(-Math.sqrt(LEVEL * own.xx), 0, "95\u00a0%", { dx: -4, dy: -4, "text-anchor": "end" });
@@ -147,8 +152,9 @@ labs.define(
     function tell(count, all) {
       const share = `${number((100 * count) / all, 0)}\u00a0%`,
         ellipse = `the 95\u00a0% ellipse of the ${NAMES[lab.state.covariance]}`,
-        words = [html("strong", {}, `${count} of ${all}`), ` errors, ${share}, lie in ${ellipse}.`];
-      lab.tell(html("p", { class: "lab-outcome" }, ...words, lab.state.shown ? "" : " Press Drive."));
+        words = [html("strong", {}, `${count} of ${all}`), ` errors, ${share}, lie in ${ellipse}.`],
+        question = [html("strong", {}, "Press Drive."), ` How many of ${LAST} errors will lie in ${ellipse}?`];
+      lab.tell(html("p", { class: "lab-outcome" }, ...(all ? words : question)));
     }
 
     // ---- Playing --------------------------------------------------------------------------------------------------------------
@@ -188,8 +194,6 @@ labs.define(
 
     const button = lab.button("", () => (playing ? lab.touched("pause") : play()));
     button.classList.add("lab-go");
-    const LEGEND = { inside: "error inside its ellipse", outside: "outside", "outside lab-to-come": "to come" };
-    const key = ([look, text]) => labs.keyOf(labs.mark("circle", 0, 0, 5, { class: `lab-${look}` }), text);
     lab.controls.push(() => (button.textContent = playing ? "Pause" : "Drive"));
     lab.build(
       [
@@ -211,18 +215,16 @@ labs.define(
             show: (shown) => `${number(times[shown - 1] ?? 0, 1)} s`,
           }),
         ),
-        labs.legend(...labs.setKey("fixed", "moving"), ...Object.entries(LEGEND).map(key)),
       ],
       () => {
         const { shown, covariance } = lab.state,
           held = inside[covariance],
-          all = shown || LAST, // at the start, what the drive will show
-          count = held.slice(0, all).filter(Boolean).length;
+          count = held.slice(0, shown).filter(Boolean).length;
         if (!lab.result) clock = times[shown - 1] ?? 0;
         lab.result = { shown, inside: count };
         drawStreet(clock);
         drawErrors(shown, held);
-        tell(count, all);
+        tell(count, shown);
       },
     );
   },

@@ -42,7 +42,7 @@ def grid_cells(
     many cells, are sorted by columns, then rows.  Those with fewer than ``min_points`` are left
     out.  The smaller eigenvalue of a covariance is raised to at least ``smallest_ratio`` times the
     larger, so that the covariance of collinear points is not singular.  The weights
-    sqrt(det(2 pi Sigma)) make each component peak at 1, like the score of Biber & Strasser.
+    sqrt(det(2π Σ)) make each component peak at 1, like the score of Biber & Strasser.
     Raises a ``ValueError`` if no cell contains enough points.
     """
     cells = _cells(check_points("points", points, 2), size, shift, min_points, smallest_ratio)
@@ -76,9 +76,9 @@ def ndt_p2d(
 ) -> Estimate:
     """Register points with the NDT of the fixed ones (Biber & Strasser 2003; thesis eq. 3.6, 3.7).
 
-    Maximises sum_k sum_i exp(-1/2 d_ki' Sigma_i^-1 d_ki) over the motion, d_ki = T(m_k) - mu_i, by
+    Maximises ∑ₖ ∑ᵢ exp(-1/2 dₖᵢᵀ Σᵢ⁻¹ dₖᵢ) over the motion, dₖᵢ = T(mₖ) - μᵢ, by
     Newton's method on its negative logarithm.  The sum is over all cells, whereas the paper takes
-    only the cell that contains T(m_k); without that restriction the score is smooth, and its
+    only the cell that contains T(mₖ); without that restriction the score is smooth, and its
     derivatives are exact.
 
     The points (N, 2) and (M, 2) are in m, ``size`` and ``shifts`` are those of `pooled_cells`, and
@@ -100,7 +100,7 @@ def ndt_d2d(
 ) -> Estimate:
     """Register the NDT of the moving points with that of the fixed ones (Stoyanov et al. 2012).
 
-    Maximises sum_k sum_i N(0 | d_ki, S_ki / d2), S_ki = R Sigma_k R' + Sigma_i: the inner product
+    Maximises ∑ₖ ∑ᵢ N(0 | dₖᵢ, Sₖᵢ / d2), Sₖᵢ = R Σₖ Rᵀ + Σᵢ: the inner product
     of the two mixtures, the only part of the L2 distance that depends on the motion.  A ``d2``
     below 1 widens all pairs by the same factor; public implementations use 0.05.  They also leave
     out the normalisation of the densities, which is kept here because it is part of the inner

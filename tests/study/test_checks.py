@@ -39,7 +39,7 @@ def test_best_limit_of_an_index_is_found(index, share):
 
 @pytest.mark.parametrize(("wider", "verdict"), [(1.15, "confirmed"), (1.05, "wrong in part")])
 def test_outlier_component_is_judged_by_what_counts(monkeypatch, wider, verdict):
-    """Breaks if a change of I2 below its margin counts (0.2 dB), or one above it (0.6 dB) not."""
+    """Breaks if a change of I² below its margin counts (0.2 dB), or one above it (0.6 dB) not."""
 
     def widened(scenario, cost):
         found = evaluated(scenario, cost)

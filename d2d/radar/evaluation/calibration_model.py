@@ -61,8 +61,8 @@ def _triangle(scan: RadarScan, mounting: Mounting) -> tuple[Array, int]:
 class CalibrationModel:
     """A model of sensors that move as a corrected reference says.
 
-    The parameters are [lag, speed, coefficients c_j, yaw of each sensor, bias]: at a time t, the
-    vehicle moves with v_x (1 + speed) and v_y = sum_j c_j v_x^(p_j) omega, where v_x is that of the
+    The parameters are [lag, speed, coefficients cⱼ, yaw of each sensor, bias]: at a time t, the
+    vehicle moves with v_x (1 + speed) and v_y = ∑ⱼ cⱼ v_x^(pⱼ) omega, where v_x is that of the
     reference at t - lag and omega its yaw rate there less the bias (rad/s), and each yaw (rad) is
     added to the angle of a mounting.
     """

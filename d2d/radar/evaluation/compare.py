@@ -100,7 +100,7 @@ class Comparison(Frozen):
 
     @property
     def credibility(self) -> Credibility:
-        """NEES, ANEES, NCI and I^2; the region of the ANEES assumes independent errors."""
+        """NEES, ANEES, NCI and I²; the region of the ANEES assumes independent errors."""
         return credibility(*self._judged[1:])
 
     @cached_property

@@ -133,7 +133,7 @@ def _checked_effects(effects: Mapping[str, ArrayLike], count: int) -> tuple[tupl
 
 
 class _Model(NamedTuple):
-    """Errors whose covariances are I + sum_j u_j scale_j E_j, after whitening by their noise."""
+    """Errors whose covariances are I + ∑ⱼ uⱼ scale_j Eⱼ, after whitening by their noise."""
 
     errors: Array  # (n, 3)
     effects: Array  # (p, n, 3, 3), the scaled E

@@ -1,6 +1,6 @@
 """The covariance of an ego-motion estimate, propagated from the sensor's errors.
 
-By the implicit function theorem (Censi 2007) an optimum moves by -H^-1 f_theta,z per unit of a
+By the implicit function theorem (Censi 2007) an optimum moves by -H⁻¹ f_θz per unit of a
 measured value z.  A scan that is in several pairs moves it by the sum of its influences f_theta,z
 on these pairs, which are added up first and squared afterwards.  The effect of an error that
 targets share is the sum of their influences, times the error.
@@ -173,7 +173,7 @@ class _Measured(NamedTuple):
         The cost has independent errors, which make Doppler velocities too sure, of omega above all.
         With errors B s beside them that a scan shares, s ~ N(0, I), the weights W become
 
-            (W^-1 + B B')^-1 = W - W B (I + B' W B)^-1 B' W
+            (W⁻¹ + B Bᵀ)⁻¹ = W - W B (I + Bᵀ W B)⁻¹ Bᵀ W
         """
         both = np.empty((len(share), 5))  # B and the gains
         both[:, 0] = _MARGINALISED * budget.doppler

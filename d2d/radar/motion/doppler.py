@@ -56,7 +56,7 @@ def _sensor_fit(scan: RadarScan, mounting: Mounting) -> tuple[Array, Array]:
 
 
 class Acceleration(NamedTuple):
-    """An acceleration (3,) in m/s^2, m/s^2, rad/s^2, with its covariance (3, 3)."""
+    """An acceleration (3,) in m/s², m/s², rad/s², with its covariance (3, 3)."""
 
     value: Array
     covariance: Array
@@ -106,7 +106,7 @@ def doppler_ego_motion(views: Iterable[View], *, side_slip: bool = True) -> Dopp
     """The vehicle's velocity from the Doppler velocities of one or several sensors.
 
     The static targets of each scan are found as in `sensor_velocity`.  Weighted least squares fits
-    V_k = h_k' theta with the variance sigma_v^2 + sigma_phi^2 (dV/dphi)^2 to all of them.  Each fit
+    Vₖ = hₖᵀ θ with the variance σ_v² + σ_φ² (dV/dφ)² to all of them.  Each fit
     determines the weights of the next, and its targets: those within three standard deviations.
     Sensors at different positions make the yaw rate observable (Kellner et al. 2014).  Raises a
     ``ValueError`` if an argument is of another kind, or ``views`` is empty.

@@ -28,7 +28,7 @@ def estimate_ego_motion(
 
     Registers the current scan with the previous one by the D2D likelihood.  With ``doppler``, each
     target's inlier density is multiplied by the density of its Doppler velocity before the outlier
-    component is added, prod_k ((1 - alpha) inlier_k Doppler_k + alpha outlier_k) (thesis
+    component is added, ∏ₖ ((1 - α) inlier_k Doppler_k + α outlier_k) (thesis
     eq. 7.14).  Several pairs, of several sensors or over several baselines, have one velocity: the
     sum of their costs is minimised.  The velocity is assumed constant from the first scan to the
     last, so that over the interval tau of a pair the vehicle moves by exp(tau theta).

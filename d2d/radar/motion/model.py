@@ -52,7 +52,7 @@ class EgoMotionModel(Frozen):
     doppler : bool
         Whether the cost includes the Doppler velocities.
     outlier : UniformOutlier, CorruptedGaussian or None
-        By default the thesis's corrupted Gaussian, with alpha = 0.2 and variances of (10 m)^2.
+        By default the thesis's corrupted Gaussian, with α = 0.2 and variances of (10 m)².
     doppler_width : float, m/s
         An outlier's Doppler velocity is taken as uniform over an interval of this width, by which
         the outlier component's density is divided.  The thesis leaves this out of eq. 7.14, which

@@ -119,7 +119,7 @@ def problem_of(
 def following(motion: Array) -> Array:
     """The small motion (3, 3) that follows exp(motion) if a small twist is added to the motion.
 
-    The right Jacobian of SE(2) to second order, I - b / 2 + b^2 / 6 with b = [motion, .].
+    The right Jacobian of SE(2) to second order, I - b / 2 + b² / 6 with b = [motion, .].
     """
     x, y, turn = motion.tolist()
     along, across = turn * x / 6.0 - 0.5 * y, turn * y / 6.0 + 0.5 * x

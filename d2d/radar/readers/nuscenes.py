@@ -102,7 +102,7 @@ def load_nuscenes(
         On the speed of the CAN bus.  With None, or without a CAN bus, v_x is the derivative of the
         poses too.
     prediction_time : float, s
-        In a turn, omega^2 r times this is taken from the Doppler velocities.
+        In a turn, ω² r times this is taken from the Doppler velocities.
     stated_mounting : bool
         Whether the mounting angle is the one that the tables state, without `MOUNTING_ERRORS`.
     strongest, **errors

@@ -182,7 +182,7 @@ class RadarScan(Frozen):
         the sensor, not compensated for its motion, of which the part along the sight counts.
 
         The variances of all given errors are added: of the standard deviations, as for `RadarScan`;
-        of the ``covariance`` (K, D, D) or (D, D) of the position in m^2, along and across the line
+        of the ``covariance`` (K, D, D) or (D, D) of the position in m², along and across the line
         of sight; and of rounding, to multiples of ``grid`` (m) in positions and of ``step`` (m/s)
         in velocities; see `quantisation_sigma`.
 
@@ -305,7 +305,7 @@ class RadarScan(Frozen):
 def quantisation_sigma(step: float, name: str = "step") -> float:
     """Standard deviation of the error of a value that is rounded to multiples of ``step``.
 
-    The error is uniform over a step, with the variance step^2 / 12, which adds to that of the
+    The error is uniform over a step, with the variance step² / 12, which adds to that of the
     measurement.  A ``ValueError`` calls the argument ``name``.
     """
     return float(_STEP.number(name, step) / np.sqrt(12.0))

@@ -50,7 +50,7 @@ class Sensor(Bounded):
 
     It takes ``rate`` scans per second of the ``max_targets`` strongest detections within
     ``field_of_view`` (rad) to either side, and between ``min_range`` and ``max_range`` (m).  The
-    power received of a reflection point is its strength divided by range^4, times an exponential
+    power received of a reflection point is its strength divided by range⁴, times an exponential
     variate drawn anew for every scan (Swerling case 1).  A point of strength 1 exceeds the
     threshold of detection at ``half_range`` (m) every other time.  The standard deviations
     ``sigma_range``, ``sigma_azimuth`` and ``sigma_doppler`` (m, rad, m/s) are those of a strong

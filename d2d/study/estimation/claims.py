@@ -101,7 +101,7 @@ def fisher_suffices(ev: Evidence) -> None:
         study = covariance_study(name)
         hessian, propagated = map(study.credibility, ("inverse Hessian", "propagated"))
         inverse = inclination_of(hessian)
-        judged.get(name, ev)(f"I2 of the inverse Hessian, {name} (dB)", inverse)
+        judged.get(name, ev)(f"I² of the inverse Hessian, {name} (dB)", inverse)
         anees, anees_name = anees_of(hessian), f"ANEES of the inverse Hessian, {name}"
         if name == "likelihood":
             ev.headline(anees_name, anees, ANEES.same)
@@ -110,7 +110,7 @@ def fisher_suffices(ev: Evidence) -> None:
             for_sum(anees_name, anees, ANEES.same)
         else:
             ev(anees_name, anees)
-        ev(f"I2 of the propagated covariance, {name} (dB)", inclination_of(propagated))
+        ev(f"I² of the propagated covariance, {name} (dB)", inclination_of(propagated))
         ev(f"ANEES of the propagated covariance, {name}", anees_of(propagated))
     layouts = over_layouts("likelihood")
     on_layouts = "mean ANEES of the inverse Hessian on random layouts, likelihood"

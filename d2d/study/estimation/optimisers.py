@@ -1,7 +1,7 @@
 """The four textbook update rules for nonlinear least squares, and drivers that record the path.
 
 With residuals f(x) of shape (m,), their Jacobian J (m, n) and the cost F = f'f / 2, the gradient is
-J'f and the Hessian J'J + sum_i f_i d2f_i.  Each rule returns the step that is added to x.  (Thesis
+Jᵀf and the Hessian JᵀJ + ∑ᵢ fᵢ d2f_i.  Each rule returns the step that is added to x.  (Thesis
 sec. 5.1 subtracts the negative gradient, which goes uphill; its table has H'f for the curvature and
 lacks a transpose in the last line.)
 """
@@ -27,7 +27,7 @@ class LeastSquares(Protocol):
         """J(x) of shape (m, n)."""
 
     def curvature(self, x: Array) -> Array:
-        """The second part of the Hessian, sum_i f_i d2f_i, of shape (n, n); only Newton uses it."""
+        """The second part of the Hessian, ∑ᵢ fᵢ d2f_i, of shape (n, n); only Newton uses it."""
 
 
 Step = Callable[[LeastSquares, Array], Array]
@@ -40,29 +40,29 @@ def cost(problem: LeastSquares, x: Array) -> float:
 
 
 def gradient(problem: LeastSquares, x: Array) -> Array:
-    """J'f."""
+    """Jᵀf."""
     return problem.jacobian(x).T @ problem.residuals(x)
 
 
 def gradient_descent(rate: float) -> Step:
-    """Step -eta J'f with a fixed rate eta."""
+    """Step -eta Jᵀf with a fixed rate eta."""
     return lambda problem, x: -rate * gradient(problem, x)
 
 
 def newton(problem: LeastSquares, x: Array) -> Array:
-    """Solve (J'J + sum_i f_i d2f_i) step = -J'f; may also converge to a saddle or a maximum."""
+    """Solve (JᵀJ + ∑ᵢ fᵢ d2f_i) step = -Jᵀf; may also converge to a saddle or a maximum."""
     j = problem.jacobian(x)
     return _solve(j.T @ j + problem.curvature(x), -gradient(problem, x))
 
 
 def levenberg_marquardt(problem: LeastSquares, x: Array, damping: float) -> Array:
-    """Solve (J'J + lambda I) step = -J'f: a short gradient-descent step for large lambda."""
+    """Solve (JᵀJ + lambda I) step = -Jᵀf: a short gradient-descent step for large lambda."""
     j = problem.jacobian(x)
     return _solve(j.T @ j + damping * np.eye(len(x)), -gradient(problem, x))
 
 
 def gauss_newton(problem: LeastSquares, x: Array) -> Array:
-    """Solve J'J step = -J'f: Newton without the curvature of the residuals."""
+    """Solve JᵀJ step = -Jᵀf: Newton without the curvature of the residuals."""
     return levenberg_marquardt(problem, x, 0.0)
 
 

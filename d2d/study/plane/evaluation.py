@@ -139,7 +139,7 @@ def error_ratio_of_layouts(over: Condition, under: Condition) -> Array:
 
 
 def inclination(scenario: Scenario, cost: RegistrationCost) -> Measured:
-    """I2 in dB, started at the truth."""
+    """I² in dB, started at the truth."""
     return inclination_of(evaluated(scenario, cost).credibility)
 
 
@@ -154,6 +154,6 @@ def ratios_in_decibels(scenario: Scenario, cost: RegistrationCost) -> Array:
 
 
 def times_off(inclination: float) -> str:
-    """The factor by which a covariance with this I2 in dB is off, such as "5.9 times too large"."""
+    """The factor by which a covariance with this I² in dB is off, such as "5.9 times too large"."""
     direction = "large" if inclination < 0.0 else "small"
     return f"{10.0 ** (abs(inclination) / 10.0):.1f} times too {direction}"

@@ -90,7 +90,7 @@ def test_nci_has_the_interval_of_its_runs():
 
 
 def test_interval_of_i2_allows_for_the_estimated_covariance():
-    """Breaks if the actual covariance counts as known: I2 of many repetitions scatters as said."""
+    """Breaks if the actual covariance counts as known: I² of many repetitions scatters as said."""
     runs = (np.random.default_rng(seed).standard_normal((400, 3)) for seed in range(150))
     found = [inclination_of(credibility(errors, np.eye(3))) for errors in runs]
     half = np.mean([0.5 * (each.high - each.low) for each in found])

@@ -58,7 +58,7 @@ def test_row_unfolds_to_all_that_is_on_record(rows):
     or a condition of a claim that is confirmed.
     """
     line, body = rows[0].split("</summary>", 1)
-    assert read(line).endswith("✓ confirmed A is right. 1.23 1.1 to 2")
+    assert read(line).endswith("✓ confirmed A is right. 1.23 1.1 to 2 ratio < 2")
     shown = read(body)
     numbers = "ratio < 2 1.1 to 2 1.23 Measured over 9 draws The other 2 numbers steps exact 6080"
     assert f"It is so. {numbers} slope exact -0.5" in shown

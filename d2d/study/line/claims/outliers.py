@@ -227,13 +227,13 @@ def uniform_not_a_density(ev: Evidence) -> None:
         ev.parts[part] = decide(supported=is_so, opposed=not is_so)
     credible = _credibility_with_outlier()
     for name, indices in zip(kinds, credible, strict=True):
-        ev(f"I2 of the inverse Hessian, {name} (dB)", inclination_of(indices))
-    ev.headline("difference of the two I2 (dB)", inclination_change(*credible))
+        ev(f"I² of the inverse Hessian, {name} (dB)", inclination_of(indices))
+    ev.headline("difference of the two I² (dB)", inclination_change(*credible))
     ev.conclude(
         "what the assumption is for, an inverse Hessian that is the covariance of the errors, does "
         "not tell the two apart. Over any bounded interval a surface divided by its area is a "
         "density with the same optimum and the same Hessian of the logarithm.",
-        over="the first draw of the noise; for I2 4000 draws of it and of the outlier's place on "
+        over="the first draw of the noise; for I² 4000 draws of it and of the outlier's place on "
         "the line, started at the truth and ending at it",
     )
 

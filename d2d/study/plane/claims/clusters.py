@@ -104,9 +104,9 @@ def cluster_likelihood_same(ev: Evidence) -> None:
     of_layouts = geometric_mean_of(error_ratio_of_layouts(*conditions))
     no_larger("mean of this ratio over 200 random layouts", of_layouts)
     ev("ANEES", anees_of(evaluated(CLUSTERS, LIKELIHOOD).credibility))
-    as_true.headline("I2 (dB)", inclination(CLUSTERS, LIKELIHOOD))
+    as_true.headline("I² (dB)", inclination(CLUSTERS, LIKELIHOOD))
     on_layouts = mean_of(over_layouts("clusters", LIKELIHOOD).inclination)
-    as_true("mean of I2 over 200 random layouts (dB)", on_layouts)
+    as_true("mean of I² over 200 random layouts (dB)", on_layouts)
     ev.conclude(
         f"the RMSE is {of_layouts:.2f} times that without clusters in the mean over 200 random "
         "layouts, for the clusters add targets.",

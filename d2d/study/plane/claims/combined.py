@@ -100,7 +100,7 @@ def all_summing_unstable(ev: Evidence) -> None:
     same.headline("ratio of the robust likelihood's RMSE, A / B", of_robust)
     ev("ratio of the robust likelihood's RMSE of the rotation, A / B", of_robust_turn)
     tilt = inclination_change(*(evaluated(s, SUMMING).credibility for s in (a, b)))
-    surface_differs("difference of the sum's I2, A - B (dB)", tilt, _differs(DECIBELS))
+    surface_differs("difference of the sum's I², A - B (dB)", tilt, _differs(DECIBELS))
     lowest = share_difference(*(each.right for each in minima.values()))
     surface_differs("difference of the shares of global minima at the truth, A - B", lowest)
     surface_differs("difference of the shares from the truth that end there, A - B", stays)

@@ -55,7 +55,7 @@ def nci_not_enough(ev: Evidence) -> None:
     misses = ev.part("it does not recognise all", SHARE.larger)
     misses.headline("share not recognised by the NCI", complement(by_nci))
     misses.headline("share not recognised by the NCI, without the sum", complement(of_product))
-    ev("share recognised by I2", bootstrapped(best, inclination, dangerous))
+    ev("share recognised by I²", bootstrapped(best, inclination, dangerous))
     ev("share of conditions that are dangerous", bootstrapped(np.mean, dangerous))
     ev("median NCI of the dangerous (dB)", bootstrapped(median_where, nci, dangerous))
     ev("median NCI of the others (dB)", bootstrapped(median_where, nci, ~dangerous))

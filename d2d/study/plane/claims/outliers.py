@@ -41,7 +41,7 @@ from d2d.study.plane.evaluation import (
 from d2d.study.plane.optima import local_minima
 from d2d.study.plane.scenarios import OUTLIERS, OVERLAPPED, Scenario
 
-MORE = 4000  # draws for a difference of two I2
+MORE = 4000  # draws for a difference of two I²
 LAYOUTS = 200  # random layouts on which it is only evaluated, 10 draws on each
 
 
@@ -91,7 +91,7 @@ def outlier_likelihood_vanishes(ev: Evidence) -> None:
     ev("share within 1.5 m and 6 deg of the truth, started there", stays)
     ratio = error_ratio((OUTLIERS, LIKELIHOOD), (OVERLAPPED, LIKELIHOOD))
     ev("ratio of the RMSE, with outliers / overlapped", ratio)
-    tilt = ev("I2 (dB)", inclination(OUTLIERS, LIKELIHOOD))
+    tilt = ev("I² (dB)", inclination(OUTLIERS, LIKELIHOOD))
     ev.conclude(
         "the density vanishes unless each outlier happens to meet one of the previous set. The "
         f"logarithm keeps an optimum near the truth, but with {ratio:.1f} times the RMSE and with "
@@ -163,15 +163,15 @@ def outlier_credibility(ev: Evidence) -> None:
     plain = ratios_in_decibels(OVERLAPPED, LIKELIHOOD)
     over = over_layouts("outliers", ROBUST, layouts=50, runs=500)
     is_pessimistic = ev.part("the sum is pessimistic", DECIBELS.smaller)
-    is_pessimistic.headline("I2 of the sum (dB)", inclination(OUTLIERS, SUMMING))
+    is_pessimistic.headline("I² of the sum (dB)", inclination(OUTLIERS, SUMMING))
     stays = ev.part("it is so as without outliers", DECIBELS.same)
     pessimistic = ev.part("the likelihood has a pessimistic part", in_some)
     optimistic = ev.part("it has an optimistic part", in_some)
     change = inclination_change(
         *(evaluated(scene, SUMMING, runs=MORE).credibility for scene in (OUTLIERS, OVERLAPPED))
     )
-    stays("change of the sum's I2, outliers - overlapped (dB)", change)
-    ev("I2 of the robust likelihood (dB)", inclination(OUTLIERS, ROBUST))
+    stays("change of the sum's I², outliers - overlapped (dB)", change)
+    ev("I² of the robust likelihood (dB)", inclination(OUTLIERS, ROBUST))
     ev("ANEES of the robust likelihood", anees_of(evaluated(OUTLIERS, ROBUST).credibility))
     pessimistic("share of its runs below -0.3 dB", share_of(robust < -NOTICEABLE))
     optimistic.headline("share of its runs above +0.3 dB", share_of(robust > NOTICEABLE))
@@ -181,12 +181,12 @@ def outlier_credibility(ev: Evidence) -> None:
     optimistic("mean share above +0.3 dB over 50 random layouts", mean_of(over.optimistic))
     for percent in (5, 95):
         quantile = quantile_of(over.inclination, percent / 100.0)
-        ev(f"{percent} % quantile of I2 over these layouts (dB)", quantile)
+        ev(f"{percent} % quantile of I² over these layouts (dB)", quantile)
     ev.conclude(
         "estimated covariances scatter about the right one, so that some of both parts is seen "
         f"without outliers, too: {below:.1%} of the runs lie below -{NOTICEABLE:g} dB and "
         f"{above:.1%} above +{NOTICEABLE:g} dB.",
         holds="The robust likelihood has both parts over random layouts, not in this scene.",
-        over=f"{THOUSAND}, {MORE} for the change of the sum's I2, and 500 on each of 50 random "
+        over=f"{THOUSAND}, {MORE} for the change of the sum's I², and 500 on each of 50 random "
         "layouts",
     )

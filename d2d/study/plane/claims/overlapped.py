@@ -133,12 +133,12 @@ def overlap_summing_pessimistic(ev: Evidence) -> None:
     overestimates = ev.part("it overestimates the error", DECIBELS.smaller)
     more = ev.part("more than the likelihood", DECIBELS.smaller)
     ev("ANEES", anees_of(summing))
-    here = overestimates.headline("I2 (dB)", inclination_of(summing))
+    here = overestimates.headline("I² (dB)", inclination_of(summing))
     lead = inclination_change(summing, evaluated(OVERLAPPED, LIKELIHOOD).credibility)
-    more("I2, sum - likelihood (dB)", lead)
+    more("I², sum - likelihood (dB)", lead)
     share = share_of(over < DECIBELS.low)
-    overestimates("share of 200 random layouts with an I2 below -0.5 dB", share, nearly_all)
-    ev("95 % quantile of I2 over 200 random layouts (dB)", quantile_of(over, 0.95))
+    overestimates("share of 200 random layouts with an I² below -0.5 dB", share, nearly_all)
+    ev("95 % quantile of I² over 200 random layouts (dB)", quantile_of(over, 0.95))
     ev.conclude(
         f"with {len(OVERLAPPED.targets)} targets the covariance is {times_off(here)}. The Hessian "
         "of -log sum_k q_k is an average over the targets where that of -sum_k log q_k is a total, "
@@ -160,8 +160,8 @@ def overlap_likelihood_credible(ev: Evidence) -> None:
     for name, bound in zip(("lower", "upper"), runs.credibility.bounds, strict=True):
         ev(f"{name} bound of the 95 % region", float(bound))
     ev("NCI (dB)", nci_of(runs.errors[good], runs.covariances[good]))
-    credible.headline("I2 (dB)", inclination_of(runs.credibility))
-    credible("mean of I2 over 200 random layouts (dB)", mean_of(on_layouts))
+    credible.headline("I² (dB)", inclination_of(runs.credibility))
+    credible("mean of I² over 200 random layouts (dB)", mean_of(on_layouts))
     ev.conclude(
         "the inverse Hessian of a negative log-likelihood estimates the covariance of its errors.",
         over=OVER_LAYOUTS,
@@ -183,11 +183,11 @@ def overlap_outlier_component(ev: Evidence) -> None:
     stays.headline("ratio of the RMSE with the component / without", error_ratio(*conditions))
     ratios = error_ratio_of_layouts(*conditions)
     stays("mean of this ratio over 200 random layouts", geometric_mean_of(ratios))
-    ev("I2 without the component (dB)", inclination(OVERLAPPED, LIKELIHOOD))
-    ev("I2 with the component (dB)", inclination(OVERLAPPED, ROBUST))
-    pessimistic("change of I2 (dB)", inclination_change(robust, plain))
+    ev("I² without the component (dB)", inclination(OVERLAPPED, LIKELIHOOD))
+    ev("I² with the component (dB)", inclination(OVERLAPPED, ROBUST))
+    pessimistic("change of I² (dB)", inclination_change(robust, plain))
     change_printed = inclination_change(printed, plain)
-    pessimistic.headline("change of I2 with the unweighted component (dB)", change_printed)
+    pessimistic.headline("change of I² with the unweighted component (dB)", change_printed)
     ev.conclude(
         "the covariance changes in the thesis's direction, most without the mixture's weights in "
         f"the component, as it is printed, but by less than the {DECIBELS.high:g} dB that count. "
