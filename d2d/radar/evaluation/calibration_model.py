@@ -50,11 +50,11 @@ def scan_velocities(views: Iterable[tuple[Iterable[RadarScan], Mounting]]) -> Sc
 def _triangle(scan: RadarScan, mounting: Mounting) -> tuple[Array, int]:
     """The triangle (3, 3) of a scan's static targets, and their number."""
     motion = doppler_ego_motion([(scan, mounting)])
-    static = scan[motion.inliers[0]]
-    gain, slope = doppler_gradients(static.azimuth, mounting)
-    sigma = np.hypot(static.sigma_doppler, static.sigma_azimuth * (slope @ motion.theta))
-    rows = np.column_stack([gain[:, :2], static.doppler]) / sigma[:, None]
-    return np.linalg.qr(np.concatenate([rows, np.zeros((3, 3))])).R, static.size
+    gain, slope = doppler_gradients(scan.azimuth, mounting)
+    sigma = np.hypot(scan.sigma_doppler, scan.sigma_azimuth * (slope @ motion.theta))
+    (static,) = motion.inliers
+    rows = (np.column_stack([gain[:, :2], scan.doppler]) / sigma[:, None])[static]
+    return np.linalg.qr(np.concatenate([rows, np.zeros((3, 3))]), mode="r"), len(rows)
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,8 +136,8 @@ def fit_at(model: CalibrationModel, lag: float) -> Fit:
         parameters[free] += step
         if np.abs(step).max() < _TOLERANCE:
             break
-    squares = model.residuals(parameters, motion)[0] ** 2
-    return Fit(parameters, float(squares.sum() / model.velocities.targets.sum()), known)
+    mean = (residuals**2).sum() / model.velocities.targets.sum()
+    return Fit(parameters, float(mean), known)
 
 
 def fit(model: CalibrationModel, low: float, high: float) -> Fit:
@@ -147,6 +147,7 @@ def fit(model: CalibrationModel, low: float, high: float) -> Fit:
     grid = np.linspace(low, high, max(2, round((high - low) / _STEP)) + 1)
     coarse = [fit_at(model, float(lag)) for lag in grid]
     best = int(np.argmin([found.mean_square for found in coarse]))
+    model = replace(model, start=coarse[best].parameters)
     refined = scipy.optimize.minimize_scalar(
         lambda lag: fit_at(model, lag).mean_square,
         bounds=(grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]),

@@ -134,11 +134,11 @@ def doppler_ego_motion(views: Iterable[View], *, side_slip: bool = True) -> Dopp
     )
     free = np.array([True, check_flag("side_slip", side_slip), True])
     theta, covariance, rank = np.zeros(3), np.full((3, 3), np.nan), 0
-    sigma = sigma_doppler
+    sigma, columns = sigma_doppler, gains[:, free]
     for _ in range(_MAX_ITERATIONS if inliers.any() else 0):
         weights = 1.0 / sigma[inliers]
-        system = gains[inliers][:, free] * weights[:, None]
-        scale = np.linalg.norm(system, axis=0) + 1e-300
+        system = columns[inliers] * weights[:, None]
+        scale = np.sqrt((system * system).sum(axis=0)) + 1e-300
         solution, _, rank, _ = np.linalg.lstsq(
             system / scale, doppler[inliers] * weights, rcond=_MIN_RATIO
         )
