@@ -54,7 +54,8 @@ def _triangle(scan: RadarScan, mounting: Mounting) -> tuple[Array, int]:
     sigma = np.hypot(scan.sigma_doppler, scan.sigma_azimuth * (slope @ motion.theta))
     (static,) = motion.inliers
     rows = (np.column_stack([gain[:, :2], scan.doppler]) / sigma[:, None])[static]
-    return np.linalg.qr(np.concatenate([rows, np.zeros((3, 3))]), mode="r"), len(rows)
+    whole = np.concatenate([rows, np.zeros((3, 3))])
+    return np.asarray(np.linalg.qr(whole, mode="r")), len(rows)
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,7 @@ import itertools
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
-from functools import cached_property, partial
+from functools import cache, cached_property, partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -110,11 +110,11 @@ def likelier_without(
         return []
     # without the motion where positions travel with the vehicle, as those of a guardrail
     stated = [max(e.likelihood, _moved(e, -doppler_ego_motion(e.views).theta)) for e in epochs]
-    pairs = [*zip(epochs, stated, strict=True)]
+    gain = cache(lambda fault, e: fault.without(epochs[e]) - stated[e])
 
     def gains(fault: Fault, step: int = 1) -> Array:
         """Nats that every ``step``-th interval gains without the fault."""
-        return np.array([fault.without(e) - own for e, own in pairs[::step]])
+        return np.array([gain(fault, e) for e in range(0, len(epochs), step)])
 
     tried = [fault for fault in _table(log, scaled=scaled) if gains(fault, _FIRST).mean() > 0.0]
     found = [(fault, gains(fault)) for fault in tried]

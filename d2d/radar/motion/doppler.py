@@ -136,16 +136,15 @@ def doppler_ego_motion(views: Iterable[View], *, side_slip: bool = True) -> Dopp
     theta, covariance, rank = np.zeros(3), np.full((3, 3), np.nan), 0
     sigma, columns = sigma_doppler, gains[:, free]
     for _ in range(_MAX_ITERATIONS if inliers.any() else 0):
-        weights = 1.0 / sigma[inliers]
-        system = columns[inliers] * weights[:, None]
-        scale = np.sqrt((system * system).sum(axis=0)) + 1e-300
-        solution, _, rank, _ = np.linalg.lstsq(
-            system / scale, doppler[inliers] * weights, rcond=_MIN_RATIO
-        )
-        moved = np.abs(theta[free] - solution / scale).max()
+        weights = inliers / sigma
+        system = columns * weights[:, None]
+        scale = np.sqrt(np.einsum("ki,ki->i", system, system)) + 1e-300
+        solution, _, rank, _ = np.linalg.lstsq(system / scale, doppler * weights, rcond=_MIN_RATIO)
+        before = theta.copy()
         theta[free] = solution / scale
         sigma = np.hypot(sigma_doppler, sigma_azimuth * (slopes @ theta))
         agree = np.abs(doppler - gains @ theta) < _GATE * sigma
+        moved = np.abs(theta - before).max()
         if not agree.any() or (moved < _TOLERANCE and (agree == inliers).all()):
             break
         inliers = agree

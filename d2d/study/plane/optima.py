@@ -88,11 +88,11 @@ def local_minima(scenario: Scenario, cost: RegistrationCost, draws: int = 5) -> 
 def _distinct(errors: Array, values: Array) -> list[int]:
     """The lowest of all that lie close to each other, the lowest of all first."""
     left = np.argsort(values, kind="stable")
-    kept: list[int] = []
+    columns, kept = errors[left].T.copy(), list[int]()
     while left.size:
         kept.append(int(left[0]))
-        apart = np.abs(errors[left] - errors[left[0]]) > SAME
-        left = left[apart.any(axis=-1)]
+        apart = (np.abs(columns - columns[:, :1]) > SAME[:, None]).any(axis=0)
+        left, columns = left[apart], columns[:, apart]
     return kept
 
 
