@@ -54,8 +54,7 @@ def summing() -> Figure:
         errors = [np.sqrt(np.mean(np.sum(run.errors[:, :2] ** 2, axis=1))) for run in results]
         axes[0].plot(errors, heights, **marks)
         axes[1].plot([run.credibility.anees for run in results], heights, **marks)
-    axes[0].set_yticks(ROWS, SCENES)
-    axes[0].set(xlabel="RMSE (m)", xlim=(0, None), title="error")
+    axes[0].set(xlabel="RMSE (m)", xlim=(0, None), title="error", yticks=ROWS, yticklabels=SCENES)
     axes[1].axvline(1.0, **grammar.TRUTH)
     axes[1].set(xscale="log", xlabel="ANEES", title="variance: ← too large, too small →")
     style.write_out_ticks(axes[1].xaxis, (0.1, 1, 10, 100))
