@@ -43,10 +43,10 @@ var Scorer = {
   partialTerm: 2,
 };
 
-/** What a search's excerpt is taken from: a page's text, or a section's, without the code that draws and makes tables. */
+/** What a search's excerpt is taken from: a page's text, or a section's, without code and tables. */
 function prose(page, anchor) {
   const article = new DOMParser().parseFromString(page, "text/html").querySelector("article");
-  article.querySelectorAll(".headerlink, .cell_input, details.hide, script, style").forEach((each) => each.remove());
+  article.querySelectorAll(".headerlink, .cell_input, details.hide, table, script, style").forEach((each) => each.remove());
   return ((anchor && article.querySelector(anchor)) || article).textContent.replace(/\s+/g, " ");
 }
 

@@ -16,14 +16,13 @@ from d2d.study.road.scores import read_scores
 DPI = 122  # of the page; 5.5 inches fit a phone, which has two pixels or more for each
 TILE = (2.6, 2.0)  # inches: three beside each other on the first pages
 STATIC = Path(__file__).resolve().parents[1] / "_static"
-ROBUST = COSTS["robust"]
 SCENES = [scene.name.replace("outliers and clusters", "both,") for scene in scenarios.ALL]
 ROWS = np.arange(len(SCENES))[::-1]
 
 
 def share_from_zero(scene: scenarios.Scenario, scales: tuple[float, ...]) -> float:
     """Share of the runs with the robust likelihood that reach the truth from zero."""
-    runs = monte_carlo(scene, ROBUST, initial="zero", scales=scales)
+    runs = monte_carlo(scene, COSTS["robust"], initial="zero", scales=scales)
     return float(at_truth(runs.errors).mean())
 
 

@@ -142,7 +142,7 @@ labs.define(
       errors.slice(0, shown).forEach(([x, y], i) => scatter.mark("circle", x, y, 2.5, LOOKS[held[i] ? 0 : 1]));
       LOOKS.forEach((look, i) => {
         scatter.mark("circle", -0.18, 0.23 - 0.05 * i, 4, look);
-        scatter.text(-0.165, 0.23 - 0.05 * i, look.slice(4), { dy: 4 });
+        scatter.text(-0.18, 0.23 - 0.05 * i, look.slice(4), { dx: 9, dy: 4 });
       });
       scatter.ellipse(0, 0, own, Math.sqrt(LEVEL), `lab-line lab-strong lab-${covariance}`);
       scatter.text(-Math.sqrt(LEVEL * own.xx), 0, "95\u00a0%", { dx: -4, dy: -4, "text-anchor": "end" });

@@ -38,8 +38,6 @@ FINDINGS: dict[Finding, tuple[str, str]] = {
 LEDGER = "claims.html"
 """Beside the page that links to it, because all pages with claims are chapters."""
 
-WIDTH = 88
-
 
 def badge(verdict: Verdict) -> str:
     """Return a verdict as HTML; ``_static/ledger.css`` colours it."""
@@ -81,7 +79,7 @@ def in_words(claim: Claim, evidence: Evidence) -> str:
     if evidence.over:
         sentences.append(f"measured over {evidence.over}")
     numbers = [f"  {name}: {_with_interval(value)}" for name, value in evidence.numbers.items()]
-    return "\n".join([*(textwrap.fill(sentence, WIDTH) for sentence in sentences), *numbers])
+    return "\n".join([*(textwrap.fill(sentence, 88) for sentence in sentences), *numbers])
 
 
 @dataclass(frozen=True)
