@@ -39,7 +39,7 @@ def letter_panels(axes: NDArray[np.object_]) -> None:
 
 def headline(figure: Figure, finding: str) -> None:
     """Write above all panels what a figure shows, in lines that are as wide as the figure."""
-    letters = round(14.0 * figure.get_figwidth())
+    letters = round(13.3 * figure.get_figwidth())
     figure.suptitle(fill(finding, letters), x=0.01, ha="left")
 
 
