@@ -203,10 +203,10 @@ def planar_scene(
 def cost_map(ax: Axes, offsets: Array, log_values: Array, title: str = "") -> QuadMesh:
     """Draw a cost over t_x and t_y around the truth (cross), above its minimum.
 
-    All maps have one logarithmic scale of colours, `SCALE`.
+    All maps have one logarithmic scale, `SCALE`; its 64 colours all fit into a picture's palette.
     """
     above = np.maximum(log_values.max() - log_values, LOWEST_COST)
-    settings: dict[str, Any] = {"cmap": COST_MAP, "norm": LogNorm(SCALE[0], SCALE[-1])}
+    settings: dict[str, Any] = {"cmap": plt.get_cmap(COST_MAP, 64), "norm": LogNorm(1, SCALE[-1])}
     mesh = ax.pcolormesh(offsets, offsets, above, rasterized=True, **settings)
     lines = ax.contour(offsets, offsets, above, LEVELS, colors="white", linewidths=0.7)
     spans = [[np.ptp(line) for line in level if line.size] for level in lines.allsegs]
