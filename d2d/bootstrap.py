@@ -85,17 +85,17 @@ def block_bootstrap(
     check_instance("rng", rng, np.random.Generator)
     check_count("resamples", resamples)
     tail = check_tail(confidence)
-    blocks, within = math.ceil(rows / block), np.arange(block)
     batch = max(1, _DRAWN // max(rows, *(array.size for array in data)))
     values: list[Array] = []
     for first in range(0, resamples, batch):
         count = min(batch, resamples - first)
-        starts = rng.integers(rows, size=(count, blocks, 1))
-        drawn = ((starts + within) % rows).reshape(count, -1)[:, :rows]
+        starts = rng.integers(rows, size=(count, math.ceil(rows / block), 1))
+        drawn = (starts + np.arange(block)).reshape(count, -1)[:, :rows]
+        given = [array.take(drawn, axis=0, mode="wrap") for array in data]
         if vectorized:
-            found = np.asarray(statistic(*(array[drawn] for array in data), axis=1))
+            found = np.asarray(statistic(*given, axis=1))
         else:
-            found = np.asarray([statistic(*(array[each] for array in data)) for each in drawn])
+            found = np.asarray([statistic(*each) for each in zip(*given, strict=True)])
         if found.shape[:1] != (count,):
             raise ValueError(
                 f"statistic must give one value for each of {count} data sets if vectorized, but "

@@ -52,8 +52,7 @@ def _triangle(scan: RadarScan, mounting: Mounting) -> tuple[Array, int]:
     motion = doppler_ego_motion([(scan, mounting)])
     gain, slope = doppler_gradients(scan.azimuth, mounting)
     sigma = np.hypot(scan.sigma_doppler, scan.sigma_azimuth * (slope @ motion.theta))
-    (static,) = motion.inliers
-    rows = (np.column_stack([gain[:, :2], scan.doppler]) / sigma[:, None])[static]
+    rows = (np.column_stack([gain[:, :2], scan.doppler]) / sigma[:, None])[motion.inliers[0]]
     whole = np.concatenate([rows, np.zeros((3, 3))])
     return np.asarray(np.linalg.qr(whole, mode="r")), len(rows)
 

@@ -140,11 +140,10 @@ def doppler_ego_motion(views: Iterable[View], *, side_slip: bool = True) -> Dopp
         system = columns * weights[:, None]
         scale = np.sqrt(np.einsum("ki,ki->i", system, system)) + 1e-300
         solution, _, rank, _ = np.linalg.lstsq(system / scale, doppler * weights, rcond=_MIN_RATIO)
-        before = theta.copy()
+        moved = np.abs(theta[free] - solution / scale).max()
         theta[free] = solution / scale
         sigma = np.hypot(sigma_doppler, sigma_azimuth * (slopes @ theta))
         agree = np.abs(doppler - gains @ theta) < _GATE * sigma
-        moved = np.abs(theta - before).max()
         if not agree.any() or (moved < _TOLERANCE and (agree == inliers).all()):
             break
         inliers = agree

@@ -22,7 +22,7 @@ from d2d._checks import (
 )
 from d2d._types import Array
 from d2d.radar.scans.reference import Reference
-from d2d.radar.scans.scan import Mounting, RadarScan, doppler_velocity
+from d2d.radar.scans.scan import Mounting, RadarScan, doppler_gradients
 from d2d.radar.simulation.world import World, build_world, lap_motion, visible
 
 # The thesis's robot, and a car in town, which is driven hard.  Only at the speed of a road does it
@@ -165,20 +165,21 @@ def drive_along(
     moving = world.movers.strength
     strength = np.concatenate([world.strength, moving])
     kind = np.concatenate([world.kind, np.full(len(moving), "moving"), ["clutter"]])
-    at_rest, ends = np.zeros_like(world.points), world.walls.reshape(-1, 2)
+    ends, count = world.walls.reshape(-1, 2), len(world.points)
     back = rigid.inverse(rigid.compose(seen.poses, mounting.pose))
     turns = np.swapaxes(rigid.rotation(back[:, 2]), -1, -2)
     places, velocities = world.movers.at(seen.times)
     scans, targets = [], []
     for i, turn in enumerate(turns):  # in the sensor frame
         points = np.concatenate([world.points, places[i]]) @ turn + back[i, :2]
-        over_ground = np.concatenate([at_rest, velocities[i]]) @ turn
         walls = (ends @ turn + back[i, :2]).reshape(-1, 2, 2)
         point, power = _detected(rng, points, strength, walls, sensor)
         at = points[point] if shifts is None else errors.moved(shifts, points[point])
         distance, azimuth = np.hypot(*at.T), np.arctan2(at[:, 1], at[:, 0])
-        away = (over_ground[point] * (at / distance[:, None])).sum(axis=1)
-        doppler = doppler_velocity(seen.theta[i], azimuth, mounting) + away
+        doppler = np.einsum("kp,p->k", doppler_gradients(azimuth, mounting)[0], seen.theta[i])
+        moves = point >= count
+        over_ground = velocities[i][point[moves] - count] @ turn
+        doppler[moves] += (over_ground * (at[moves] / distance[moves, None])).sum(axis=1)
         true = np.column_stack([np.stack([distance, azimuth, doppler]), np.full(3, np.nan)])
         scan, which = _measured(rng, float(times[i]), true, power, sensor, errors)
         point = np.append(point, -1)[which]
