@@ -38,7 +38,7 @@ class IcpResult:
 def fit_rigid(fixed: ArrayLike, moving: ArrayLike) -> Array:
     """The rigid motion that minimises the squared distances between paired points.
 
-    Minimises ∑ₙ |R mₙ + t - fₙ|² in closed form.  With the centred points f', m' and the
+    Minimises ∑ₙ ‖R mₙ + t - fₙ‖² in closed form.  With the centred points f', m' and the
     singular value decomposition ∑ₙ m'_n f'_nᵀ = U S Vᵀ, R = V diag(1, det(V Uᵀ)) Uᵀ and
     t = mean(f) - R mean(m) (Arun et al. 1987; the determinant, from Umeyama 1991, excludes
     reflections).
