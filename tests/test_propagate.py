@@ -21,7 +21,6 @@ from tests.strategies import (
     TRUTH,
     all_cases,
     case_id,
-    central_difference,
     overlapped_scene,
     random_problem,
 )
@@ -32,17 +31,18 @@ SUMMING = RegistrationCost(fusion="summing")
 
 
 def shifted(problem, which, by):
-    """The problem with all measured coordinates of one kind moved by ``by``."""
+    """The problems (M) with the measured coordinates of one kind moved by ``by`` (M, n)."""
     if which in ("fixed", "moving"):
         points = getattr(problem, which)
-        means = points.means + by.reshape(points.means.shape)
-        return problem.with_(**{which: PointSet(means, points.covariances, points.weights)})
+        means = points.means + by.reshape(-1, *points.means.shape)
+        rest = (np.stack([each] * len(by)) for each in (points.covariances, points.weights))
+        return problem.with_(**{which: PointSet(means, *rest)})
     m = problem.measurement
     value, gain = m.value, m.gain
     if which == "measured":
         value = value + by
     else:  # the prediction moves by its slope, which is held with the variance
-        gain = gain + by[:, None] * m.slope
+        gain = gain + by[..., None] * m.slope
     changed = LinearMeasurement(value, m.sigma, m.sigma_input, gain, m.slope, m.of_twist)
     return problem.with_(measurement=changed)
 
@@ -62,11 +62,10 @@ def cross_derivatives(problem):
 
 def numerical(problem, which, count):
     """Differences (count, P) of the gradient in the measured coordinates of one kind."""
-    return central_difference(
-        lambda by: shifted(problem, which, by).derivatives()[1],
-        np.zeros(count),
-        np.full(count, 1e-4),
-    ).T
+    steps = 1e-4 * np.multiply.outer([1.0, -1.0, 2.0, -2.0], np.eye(count))
+    gradients = shifted(problem, which, steps.reshape(-1, count)).derivatives()[1]
+    ahead, back, far_ahead, far_back = gradients.reshape(4, count, -1)
+    return (8.0 * (ahead - back) - (far_ahead - far_back)) / 12e-4
 
 
 @pytest.mark.parametrize("case", all_cases(), ids=case_id)
