@@ -8,6 +8,8 @@ import matplotlib
 import pytest
 from hypothesis import settings
 
+from tests.kernels import ForkedKernel
+
 # Not in the environment: kernels inherit that, and draw into their pages.
 matplotlib.use("Agg")
 
@@ -21,16 +23,13 @@ settings.register_profile("explore", deadline=None, max_examples=1000)
 settings.load_profile("reproducible")
 
 
-# What is imported and collected stays to the end: the garbage collector is spared it.
-gc.disable()
+gc.disable()  # What is imported and collected stays to the end.
 
 
 def pytest_configure(config: pytest.Config) -> None:
     """Let nbval fork the kernels of notebooks."""
     if config.getoption("nbval", False):
         from jupyter_client.provisioning import local_provisioner
-
-        from tests.kernels import ForkedKernel
 
         local_provisioner.launch_kernel = ForkedKernel
 

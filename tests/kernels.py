@@ -10,9 +10,7 @@ import sys
 import time
 
 FORKS = multiprocessing.get_context("forkserver")
-FORKS.set_forkserver_preload(
-    ["ipykernel.kernelapp", "d2d.study", "d2d.study.book.style", "scipy.integrate"]
-)
+FORKS.set_forkserver_preload(["ipykernel.kernelapp", "d2d.study.book.style", "scipy.integrate"])
 
 
 class ForkedKernel(FORKS.Process):
@@ -36,17 +34,13 @@ class ForkedKernel(FORKS.Process):
 
 def run(options, folder, environment):
     """Turn a fork into a kernel."""
-    os.setsid()
-    gc.freeze()
-    nothing = os.open(os.devnull, os.O_RDWR)
-    for stream in range(3):
-        os.dup2(nothing, stream)
-    os.environ.clear()
-    os.environ.update(environment, JPY_PARENT_PID=str(os.getppid()))
-    os.chdir(folder)
-    sys.path[:] = [entry for entry in sys.path if not entry.endswith("tools")]
     import matplotlib
     from ipykernel.kernelapp import IPKernelApp
 
+    gc.freeze()
+    os.setsid()
+    os.chdir(folder)
+    os.environ.update(environment, JPY_PARENT_PID=str(os.getppid()))
+    sys.path[:] = [entry for entry in sys.path if not entry.endswith("tools")]
     matplotlib.rcParams["backend"] = "module://matplotlib_inline.backend_inline"
     IPKernelApp.launch_instance(argv=options)

@@ -49,11 +49,11 @@ def output_texts(cell: NotebookNode) -> Iterator[str]:
 
 def unexecuted(notebook: NotebookNode) -> list[str]:
     """Find cells that were not executed, or not from top to bottom in one go."""
-    found = []
-    for expected, (name, cell) in enumerate(code_cells(notebook), start=1):
-        if cell.execution_count != expected:
-            found.append(f"{name}: execution count {cell.execution_count}, expected {expected}")
-    return found
+    return [
+        f"{name}: execution count {cell.execution_count}, expected {expected}"
+        for expected, (name, cell) in enumerate(code_cells(notebook), start=1)
+        if cell.execution_count != expected
+    ]
 
 
 def complaints(notebook: NotebookNode) -> list[str]:
@@ -74,14 +74,6 @@ def unwanted(notebook: NotebookNode) -> list[str]:
         for text in (ANSI.sub("", text) for text in output_texts(cell))
         for pattern in (WARNING, MACHINE_PATH)
         if (match := pattern.search(text))
-    ]
-
-
-def repeated_ids(notebook: NotebookNode) -> list[str]:
-    """Find cells without an id of their own."""
-    counts = Counter(cell.get("id") for cell in notebook.cells)
-    return [
-        f"id {name!r} on {count} cells" for name, count in counts.items() if count > 1 or not name
     ]
 
 
@@ -109,22 +101,18 @@ def faulty_figures(notebook: NotebookNode) -> list[str]:
         data = [output.get("data", {}) for output in cell.outputs]
         moving = sum("data-controls" in each.get("text/html", "") for each in data)
         pictures = moving + sum("image/png" in each for each in data)
-        if not re.fullmatch(r"fig-[a-z0-9-]+", options.figure.get("name", "")):
-            found.append(
-                f"{name}: mystnb.figure.name must be fig-<id>, got {options.figure.get('name')!r}"
-            )
-        if not options.figure.get("caption", "").strip():
-            found.append(f"{name}: no mystnb.figure.caption")
-        if not options.get("image", {}).get("alt", "").strip():
-            found.append(
-                f"{name}: no mystnb.image.alt (what a reader who cannot see the picture is told)"
-            )
-        forms = 2 if "page" in options.get("image", {}).get("classes", "").split() else 1
-        if pictures != forms:
-            found.append(f"{name}: {pictures} pictures, expected {forms}")
-        found += [
-            f"{name}: {problem}" for output in cell.outputs for problem in badly_drawn(output)
-        ]
+        figure, image = options.figure, options.get("image", {})
+        forms = 2 if "page" in image.get("classes", "").split() else 1
+        named = re.fullmatch(r"fig-[a-z0-9-]+", figure.get("name", ""))
+        good = {
+            f"mystnb.figure.name must be fig-<id>, got {figure.get('name')!r}": named,
+            "no mystnb.figure.caption": figure.get("caption", "").strip(),
+            "no mystnb.image.alt, which a reader is told": image.get("alt", "").strip(),
+            f"{pictures} pictures, expected {forms}": pictures == forms,
+        }
+        problems = [problem for problem in good if not good[problem]]
+        problems += [each for output in cell.outputs for each in badly_drawn(output)]
+        found += [f"{name}: {problem}" for problem in problems]
     return found
 
 
@@ -149,19 +137,12 @@ def repeated_figures(notebooks: Iterable[NotebookNode]) -> list[str]:
     return [f"{name} on {count} cells" for name, count in counts.items() if count > 1]
 
 
-CHECKS: tuple[Check, ...] = (
-    unexecuted,
-    complaints,
-    unwanted,
-    repeated_ids,
-    long_cells,
-    faulty_figures,
-)
+CHECKS: tuple[Check, ...] = (unexecuted, complaints, unwanted, long_cells, faulty_figures)
 
 
 @cache
 def load(path: Path) -> NotebookNode:
-    """Read a notebook and check it against the format."""
+    """Read a notebook and check it against the format, by which each cell has an id of its own."""
     notebook = nbformat.read(path, as_version=nbformat.NO_CONVERT)
     nbformat.validate(notebook)
     return notebook

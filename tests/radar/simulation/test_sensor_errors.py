@@ -11,15 +11,8 @@ EXACT = Sensor(quantised=False)
 
 
 def drive(errors: SensorErrors | None = None, sensor: Sensor = EXACT, **options):
-    return simulate_drive(
-        np.random.default_rng(5),
-        2.0,
-        CAR_SPEED,
-        mounting=CAR_MOUNTING,
-        sensor=sensor,
-        errors=errors,
-        **options,
-    )
+    options |= {"mounting": CAR_MOUNTING, "sensor": sensor, "errors": errors}
+    return simulate_drive(np.random.default_rng(5), 2.0, CAR_SPEED, **options)
 
 
 def targets(driven, name):
