@@ -106,13 +106,9 @@ def sequences(root: Path) -> list[str]:
 
 def scenes(root: Path) -> list[str]:
     """The names of the scenes in a folder of nuScenes, in the order of its tables."""
-    tables = sorted(root.glob("v1.0-*/scene.json"))
-    return [name for table in tables for name in sorted(s["name"] for s in _rows(table))]
-
-
-def _rows(table: Path) -> list[dict[str, Any]]:
-    rows: list[dict[str, Any]] = json.loads(table.read_text(encoding="utf-8"))
-    return rows
+    paths = sorted(root.glob("v1.0-*/scene.json"))
+    tables = [json.loads(path.read_text(encoding="utf-8")) for path in paths]
+    return [name for table in tables for name in sorted(scene["name"] for scene in table)]
 
 
 DATA_SETS = {

@@ -137,11 +137,6 @@ def unfiltered(drive: Drive) -> Unfiltered:
     return Unfiltered(errors, white, effects.swapaxes(0, 1))
 
 
-def load_unfiltered(source: Source) -> Unfiltered:
-    """The unfiltered estimates of a drive from files."""
-    return unfiltered(source.load())
-
-
 def fitted_budget(drives: Sequence[Unfiltered], stored: ErrorBudget) -> BudgetFit:
     """The budget that is most likely for some drives; its length is that of a stored one."""
     errors, white = (np.concatenate([getattr(d, n) for d in drives]) for n in ("errors", "white"))
@@ -245,7 +240,7 @@ def load_and_judge(source: Source, cell: Cell, fitted: ErrorBudget) -> dict[str,
 def protocol(sources: Sequence[Source]) -> Judged:
     """Judge every model in every cell on each drive of a data set, fitted to the others."""
     stored = DATA_SETS[sources[0].data_set].budget
-    each = joblib.Parallel()(joblib.delayed(load_unfiltered)(s) for s in sources)
+    each = joblib.Parallel()(joblib.delayed(unfiltered)(s.load()) for s in sources)
     drives = dict(zip([source.name for source in sources], each, strict=True))
     budgets = {name: fitted_budget(others(drives, name), stored) for name in drives}
     run = joblib.delayed(load_and_judge)

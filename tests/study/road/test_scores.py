@@ -27,14 +27,14 @@ def drives() -> list[Drive]:
 
 def test_each_covariance_is_that_of_its_budget(drives):
     """Breaks if a covariance is judged under the name of another, or two drives are mixed up."""
-    by_model = scores.models(drives[0], scores.BASELINES[0])
+    by_model = scores.models(drives[0], scores.BASELINE)
     assert list(by_model) == list(grammar.COVARIANCES)
     plain, noise, budget = (found.covariances for found in by_model.values())
     (own,) = drives[0].recordings
     assert_allclose(plain, compare(track(own, baseline=4, carry=False), own.reference).covariances)
     assert (np.diagonal((budget - noise).mean(axis=0)) > 0.0).all()
     found = scores.by_baseline(dict(zip("ab", drives, strict=True)))
-    found = found[f"baseline {scores.BASELINES[0]}"]
+    found = found[f"baseline {scores.BASELINE}"]
     assert found["a"]["propagated noise"] == scores.scores(by_model["propagated noise"])
     assert found["b"]["propagated noise"] != found["a"]["propagated noise"]
 
