@@ -8,7 +8,7 @@ without a complaint. Each check returns what it found.
 import re
 from base64 import b64decode
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from functools import cache
 from io import BytesIO
 from pathlib import Path
@@ -129,14 +129,6 @@ def badly_drawn(output: NotebookNode) -> Iterator[str]:
         yield "something touches the edge of the picture, and may be cut off"
 
 
-def repeated_figures(notebooks: Iterable[NotebookNode]) -> list[str]:
-    """Find figure names that occur more than once in the book."""
-    counts = Counter(
-        options.figure.get("name") for notebook in notebooks for _, _, options in figures(notebook)
-    )
-    return [f"{name} on {count} cells" for name, count in counts.items() if count > 1]
-
-
 CHECKS: tuple[Check, ...] = (unexecuted, complaints, unwanted, long_cells, faulty_figures)
 
 
@@ -163,4 +155,5 @@ def test_notebook(path: Path):
 
 
 def test_figure_names_are_unique_across_the_book():
-    assert repeated_figures(map(load, NOTEBOOKS)) == []
+    named = (options.figure["name"] for path in NOTEBOOKS for *_, options in figures(load(path)))
+    assert [name for name, count in Counter(named).items() if count > 1] == []

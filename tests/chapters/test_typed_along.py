@@ -2,7 +2,6 @@
 
 import os
 import warnings
-from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
@@ -33,13 +32,6 @@ def test_the_course_has_at_most_fifteen_pages_and_the_book_twenty_five_notebooks
     assert len(list(CHAPTERS.glob("*.ipynb"))) <= 25
 
 
-@pytest.fixture(scope="module")
-def fresh() -> Iterator[ProcessPoolExecutor]:
-    """A new process for each call, in which no more than the packages is imported."""
-    with ProcessPoolExecutor(1, FORKS, max_tasks_per_child=1) as pool:
-        yield pool
-
-
 def run(code: str) -> None:
     """Run code as a file of its own, in which a warning is an error."""
     os.chdir(CHAPTERS)
@@ -50,8 +42,9 @@ def run(code: str) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("path", COURSE, ids=lambda path: path.stem)
-def test_a_reader_can_type_along(path: Path, fresh: ProcessPoolExecutor):
+def test_a_reader_can_type_along(path: Path):
     """Breaks if a page shows code that needs a folded cell, warns, or is a few lines only."""
     code = shown(path)
     assert sum(bool(line.strip()) for line in code.splitlines()) >= LEAST
-    fresh.submit(run, code).result()
+    with ProcessPoolExecutor(1, FORKS) as fresh:
+        fresh.submit(run, code).result()

@@ -129,15 +129,9 @@ SHORT = {"DRIVES": 3, "DURATION": 2.0}
 FEW = {"DRAWS": 200}
 # for each claim: what is another in its module, and in further ones
 WORLDS = {
-    "gmm-better": {
-        mixtures: {"two_humps": always(mixtures.two_humps(0.0)), "DRAWS": 20},
-    },
+    "gmm-better": {mixtures: {"two_humps": always(mixtures.two_humps(0.0)), "DRAWS": 20}},
     "em-monotone": {mixtures: {"MAX_STEPS": 1, "SETS": 30}},
-    "icp-feeble": {
-        point_sets: {
-            "_success_shares": always(rooms(1.0, 1.0)),
-        },
-    },
+    "icp-feeble": {point_sets: {"_success_shares": always(rooms(1.0, 1.0))}},
     "ndt-registers": {
         point_sets: {
             "_success_shares": always(rooms(1.0, 1.0)),
@@ -231,9 +225,7 @@ WORLDS = {
         overlapped: {"LIKELIHOOD": overlapped.SUMMING, "ROBUST": overlapped.LIKELIHOOD},
     },
     "outlier-likelihood-vanishes": {outliers: {"LIKELIHOOD": outliers.ROBUST, "SEARCHED": 5}},
-    "outlier-robust-minimum": {
-        outliers: {"local_minima": minima(*ELSEWHERE)},
-    },
+    "outlier-robust-minimum": {outliers: {"local_minima": minima(*ELSEWHERE)}},
     "outlier-error": {outliers: {"SUMMING": outliers.ROBUST, "ROBUST": outliers.SUMMING}},
     "outlier-credibility": {
         outliers: {
@@ -260,10 +252,7 @@ WORLDS = {
     },
     "cluster-error": {clusters: SWAPPED},
     "all-likelihood-stable": {
-        combined: {
-            "ROBUST": combined.LIKELIHOOD,
-            "local_minima": minima(*ELSEWHERE),
-        },
+        combined: {"ROBUST": combined.LIKELIHOOD, "local_minima": minima(*ELSEWHERE)},
     },
     "all-summing-unstable": {
         combined: {

@@ -249,10 +249,7 @@ BAD = (
     *(("strongest", 0), ("time_offset", np.nan), ("time_offset", 110.0), ("sigma_range", -0.1)),
     *(("sigma_doppler", np.nan), ("sigma_azimuth", -0.1), ("extent", -0.1)),
 )
-ONLY_NUSCENES = (
-    ("speed_factor", 0.0),
-    ("prediction_time", 37.0),
-)
+ONLY_NUSCENES = (("speed_factor", 0.0), ("prediction_time", 37.0))
 
 
 @pytest.mark.parametrize("name", DATA_SETS)
