@@ -74,10 +74,7 @@ class _TypingContext(Context):  # type: ignore[misc]
 
 
 class _KernelCompiler(Compiler):  # type: ignore[misc]
-    """Numba's compiler, without the passes that look for closures and array expressions.
-
-    Nothing is written into its caller before that is compiled, either: LLVM does it in less time.
-    """
+    """Numba's compiler, without closures, array expressions and merging, which LLVM does faster."""
 
     def __init__(self, typingctx: Context, *state: Any) -> None:
         super().__init__(typingctx, *state)

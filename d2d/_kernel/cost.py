@@ -255,7 +255,8 @@ def evaluate(batch, problem, pair, theta, accuracy, work, g, h):
         w[rows.SHARES + k] = w[rows.DISTANCES + k] = 0.0
     for j in range(3):
         g[j] = h[0, j] = h[1, j] = h[2, j] = 0.0
-    value, shares, distances, block = 0.0, 0.0, 0.0, 0
+    # with a literal zero `evaluate_pair` would be compiled twice, for this and for a variable
+    value, shares, distances, block = 0.0, 0.0, 0.0, np.int64(0)
     first = batch.first[problem]
     for number in range(first, batch.first[problem + 1]):
         if number > first:
