@@ -3,10 +3,10 @@
 Each has a namespace of its own, as in a new process; the imports take half of a short notebook.
 """
 
-import gc
 import multiprocessing
 import os
 import sys
+import threading
 import time
 
 FORKS = multiprocessing.get_context("forkserver")
@@ -19,7 +19,7 @@ class ForkedKernel(FORKS.Process):
     stdin = stdout = stderr = None
 
     def __init__(self, command, *, cwd, env, **_):
-        super().__init__(target=run, args=(command[command.index("-f") :], cwd, env))
+        super().__init__(target=run, args=(command[command.index("-f") :], cwd, env), daemon=True)
         self.start()
         while os.getpgid(self.pid) != self.pid:  # which Jupyter ends as a group
             time.sleep(1e-3)
@@ -33,14 +33,15 @@ class ForkedKernel(FORKS.Process):
 
 
 def run(options, folder, environment):
-    """Turn a fork into a kernel."""
+    """Turn a fork into a kernel, which ends with the process of the tests."""
     import matplotlib
     from ipykernel.kernelapp import IPKernelApp
 
-    gc.freeze()
     os.setsid()
     os.chdir(folder)
-    os.environ.update(environment, JPY_PARENT_PID=str(os.getppid()))
+    os.environ.update(environment)
     sys.path[:] = [entry for entry in sys.path if not entry.endswith("tools")]
     matplotlib.rcParams["backend"] = "module://matplotlib_inline.backend_inline"
-    IPKernelApp.launch_instance(argv=options)
+    tests = multiprocessing.parent_process()
+    threading.Thread(target=lambda: (tests.join(), os._exit(1)), daemon=True).start()
+    IPKernelApp.launch_instance(argv=[*options, f"--IPKernelApp.parent_handle={os.getppid()}"])
