@@ -5,6 +5,8 @@ document.addEventListener("readystatechange", () => { // before the theme looks 
   document.querySelectorAll(".measured-scroll").forEach((each) => (each.tabIndex = 0)); // to scroll by keys
   sessionStorage.removeItem("sidebar-scroll-top"); // the theme shows the page's own line instead
   document.querySelectorAll("article code .pre").forEach((each) => (each.innerHTML = each.innerHTML.replace(BREAKS, "$1<wbr>")));
+  const texts = document.querySelectorAll("article :is(p, li, td, figcaption)"); // a number and its unit stay together
+  texts.forEach((each) => each.childNodes.forEach((node) => node.nodeType === 3 && (node.data = node.data.replace(UNITS, "$1\u00a0"))));
   if (innerWidth >= 1200) captionsAside();
   if (typeof Search !== "undefined") Search.htmlToText = prose;
   const rows = [...document.querySelectorAll(".ledger-row")];
@@ -18,6 +20,7 @@ document.addEventListener("readystatechange", () => { // before the theme looks 
   window.addEventListener("hashchange", () => openClaim(rows));
 }, { once: true });
 
+const UNITS = /(\d) (?=(?:m|s|cm|mm|ms|µs|Hz|dB|°|%|kB|MB|GB|rad|targets|runs)(?![\wµ]))/g;
 // Where a name may break: after a dot, an underscore, a bracket or a sign between its parts; not in a number or an option.
 const BREAKS = /([a-z)\]][._=,(/])(?=[\w"-])/gi;
 
