@@ -15,6 +15,7 @@ from d2d.study.book.grammar import (
     BLACK,
     COSTS,
     COVARIANCES,
+    GREY,
     SHARE_MAP,
     SKY,
     TRUTH,
@@ -101,16 +102,16 @@ def first_scales(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def first_scale_panel(ax: Axes, rows: pd.DataFrame) -> None:
-    """Draw success over the first scale's deviation in units of the start's distance.
-
-    There is a line for each noise and distance.
-    """
-    for _, chosen in first_scales(rows).groupby(["noise", "distance_m"]):
-        ax.plot(chosen.ratio, 100.0 * chosen.success, ".-", color=COSTS["robust"].color, lw=0.8)
-    ax.axvline(1.0, color=BLACK, lw=0.9)
-    ax.set_xscale("log")
+    """Draw success over first scale · σ / start error: all trials; lines of three noises."""
+    trials = first_scales(rows)
+    ax.plot(trials.ratio, 100.0 * trials.success, "o", color=GREY, ms=2.5, alpha=0.6)
+    for noise, line in ((0.1, "-"), (0.5, "--"), (2.0, ":")):
+        chosen = trials[(trials.noise == noise) & (trials.distance_m == 5.0)].sort_values("ratio")
+        ax.plot(chosen.ratio, 100.0 * chosen.success, color=COSTS["robust"].color, ls=line)
+    ax.axvspan(1.0, 500.0, color=SKY, alpha=0.15, lw=0)
+    ax.set(xscale="log", xlim=(0.005, 500.0), ylim=(-3.0, 103.0))
     write_out_ticks(ax.xaxis, (0.01, 0.1, 1, 10, 100))
-    ax.set(xlabel="first scale · σ / start error", ylabel="runs at the truth (%)", ylim=(-3, 103))
+    ax.set(xlabel="first scale · σ / start error", ylabel="runs at the truth (%)")
 
 
 def covariance_panel(

@@ -74,7 +74,8 @@ def cost_surface(ax: Axes, translations: Array, log_values: Array, **style: Any)
     """Draw minus the logarithm of a surface, above its minimum: wells and walls on one scale."""
     surface(ax, translations, log_values.max() - log_values, ylabel="−log density", **style)
     ax.set_yscale("asinh", linear_width=SOFT)
-    write_out_ticks(ax.yaxis, [tick for tick in (0, 5, 50, 500) if tick < ax.dataLim.y1])
+    ticks = (0, 10, 100, 1000) if ax.dataLim.y1 > 20.0 else (0, 2, 5)
+    write_out_ticks(ax.yaxis, [tick for tick in ticks if tick < ax.dataLim.y1])
 
 
 def both_sets(
@@ -120,12 +121,13 @@ def fused(
     sets: tuple[PointSet, PointSet],
     title: str,
 ) -> Peaks:
-    """Draw the fused surface, as a density and as a cost, and return its peaks."""
+    """Draw the fused surface as a density, in a second panel as a cost, and return its peaks."""
     values = log_surface(cost, translations, *sets)
     style = cost_line(cost_key(cost), cost.metric)
     surface(axes[0], translations, np.exp(values), ylabel="density", **style)
-    cost_surface(axes[1], translations, values, **style)
-    for ax, low in zip(axes, (0.86, 0.0), strict=True):
+    if len(axes) > 1:
+        cost_surface(axes[1], translations, values, **style)
+    for ax, low in zip(axes, (0.86, 0.0), strict=False):
         ax.axvline(scene.TRUTH, low, **TRUTH)
         ax.set_title(title, color=style["color"])
     return peaks(translations, values)
@@ -137,18 +139,13 @@ def targets_and_fusions(
     sets: tuple[PointSet, PointSet],
     names: Sequence[str],
 ) -> dict[str, Peaks]:
-    """Draw rows of targets, sum and likelihood, densities at the left, costs at the right."""
-    figure, axes = plt.subplots(3, 2, sharex=True, figsize=(5.5, 5.4), height_ratios=(1.3, 1, 1))
-    axes[1, 1].sharey(axes[2, 1])
-    for ax, logarithm in zip(axes[0], (False, True), strict=True):
-        every_target(ax, translations, RegistrationCost(), sets, names, negative_log=logarithm)
+    """Draw rows of targets, their sum and their likelihood, as densities."""
+    figure, axes = plt.subplots(3, 1, sharex=True, figsize=(5.5, 5.0), height_ratios=(1.3, 1, 1))
+    every_target(axes[0], translations, RegistrationCost(), sets, names)
     found: dict[str, Peaks] = {}
     costs = RegistrationCost(fusion="summing"), RegistrationCost()
-    for row, cost in zip(axes[1:], costs, strict=True):
-        name = COSTS[cost.fusion].name
-        found[cost.fusion] = fused(row, translations, cost, sets, name)
-    for ax in axes[:-1].ravel():
-        ax.set_xlabel("")
+    for ax, cost in zip(axes[1:], costs, strict=True):
+        found[cost.fusion] = fused([ax], translations, cost, sets, COSTS[cost.fusion].name)
     headline(figure, finding)
     letter_panels(axes)
     return found

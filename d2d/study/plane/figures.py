@@ -47,6 +47,8 @@ LEVELS = (1, 10, 30, 100, 300, 1000)
 ROTATIONS: Array = np.deg2rad(np.linspace(-40.0, 40.0, 321))
 IN_LABEL_UNITS = np.array([1.0, 1.0, np.rad2deg(1.0)])
 LABELS = (("m", "$t_x$"), ("m", "$t_y$"), ("°", "φ"))
+SEEN = {"summing": "sum: wells", "likelihood": "likelihood: bowl", "robust": "robust: one well"}
+Place = tuple[int, str, float, float]  # of a name: panel, cost, and coordinates
 
 
 def one_draw(scenario: Scenario, seed: int = 1) -> tuple[PointSet, PointSet]:
@@ -70,7 +72,7 @@ def cost_panels(
         *maps, cuts = panels.values()
         for letter, ax, (name, cost) in zip("abc", maps, costs.items(), strict=True):
             surface = translation_surface(cost, *sets, scenario.theta, OFFSETS)
-            mesh = cost_map(ax, OFFSETS, surface, f"({letter}) {LOOKS[name].name}")
+            mesh = cost_map(ax, OFFSETS, surface, f"({letter}) {SEEN[name]}")
             profile = rotation_profile(cost, *sets, scenario.theta, ROTATIONS)
             above = np.maximum(profile.max() - profile, LOWEST_COST)
             cuts.plot(np.rad2deg(ROTATIONS), above, **cost_line(name))
@@ -88,15 +90,15 @@ def error_panels(
     scenario: Scenario,
     names: Sequence[str],
     finding: str,
-    starts: Sequence[Start] = ("truth", "zero"),
+    places: Iterable[Place],
 ) -> None:
-    """Draw the share of the runs below each error, one row of panels a start."""
-    size = (5.5, 1.1 + 2.1 * len(starts))
-    figure, axes = plt.subplots(len(starts), 2, sharey=True, squeeze=False, figsize=size)
+    """Draw the share of the runs below each error, one row of panels a start, names at places."""
+    starts: tuple[Start, ...] = ("truth", "zero")
+    figure, axes = plt.subplots(len(starts), 2, sharey=True, figsize=(5.5, 5.3))
     for row, start in zip(axes, starts, strict=True):
         errors = {name: evaluated(scenario, COSTS[name], start).errors for name in names}
         error_shares(row, errors, (f"translation, from {start}", f"rotation, from {start}"))
-    name_curves(axes[:, 0])
+    name_curves(axes.ravel(), places)
     headline(figure, finding)
     letter_panels(axes)
 
@@ -163,10 +165,10 @@ def credibility_ratios(ax: Axes, scenario: Scenario, names: Sequence[str]) -> No
         ax.stairs(heights, edges, baseline=-row, fill=True, color=look.color, alpha=0.6)
         ax.plot([result.inclination] * 2, (-row, 0.8 - row), color=BLACK, lw=1.2)
         mean = f"{round(result.inclination, 1) + 0.0:+.1f}".replace("-", "−")
-        fits = abs(result.inclination) <= DECIBELS.high
         side = "small" if result.inclination > 0.0 else "large"
-        verdicts.append(f"{mean} dB: " + ("fits" if fits else f"σ too {side}"))
-    ax.set_yticks(-np.arange(len(names)), verdicts, va="bottom")
+        verdict = "fits" if abs(result.inclination) <= DECIBELS.high else f"σ too {side}"
+        verdicts.append(f"{look.name.split()[0]}\n{mean} dB: {verdict}")
+    ax.set_yticks(-np.arange(len(names)), verdicts, va="bottom", linespacing=1.0)
     for text, name in zip(ax.get_yticklabels(), names, strict=True):
         text.set_color(LOOKS[name].color)
     ax.axvline(0.0, **TRUTH)
@@ -239,7 +241,7 @@ def error_shares(
     for name, of_runs in errors.items():
         distance, turn = distance_and_rotation(of_runs)
         share = 100.0 * np.arange(1, len(of_runs) + 1) / len(of_runs)
-        style = (styles or {}).get(name) or cost_line(name, label=LOOKS[name].name.split()[0])
+        style = (styles or {}).get(name) or cost_line(name)
         for ax, values in zip(axes, (distance, np.rad2deg(turn)), strict=False):
             ax.step(np.sort(values), share, where="post", **style)
     for ax, title, (unit, limits) in zip(axes, titles, ERROR_LIMITS.items(), strict=False):
@@ -248,7 +250,7 @@ def error_shares(
         ax.set(ylabel="runs (%)", ylim=(0.0, 102.0), xlim=limits)
 
 
-def name_curves(axes: Iterable[Axes]) -> None:
-    """Name the curves of errors where no curve comes: at the upper left."""
-    for ax in axes:
-        ax.legend(loc="upper left", labelcolor="linecolor", handlelength=1.7, borderaxespad=0.2)
+def name_curves(axes: Sequence[Axes], places: Iterable[Place]) -> None:
+    """Write the names of costs beside their curves, in their colours."""
+    for panel, name, *where in places:
+        label(axes[panel], where, LOOKS[name].name.split()[0], LOOKS[name].color, (0, 0))
