@@ -1,6 +1,6 @@
 """The tables and the chart that a run writes into the book, and the aims that it should meet."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -8,7 +8,6 @@ import matplotlib
 import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from benchmarks import methods, processes
@@ -16,7 +15,7 @@ from benchmarks.peers import PEERS
 from benchmarks.scenes import SCENES, Accuracy
 from benchmarks.timing import exponent
 from d2d.study.book import drawing
-from d2d.study.book.grammar import COSTS, OTHERS, cost_line
+from d2d.study.book.grammar import COSTS, GREY, OTHERS, PINK, cost_line
 from d2d.study.book.style import headline, letter_panels, use_style, write_out_ticks
 from d2d.study.results import results_path
 from d2d.study.road.markdown import markdown
@@ -44,6 +43,17 @@ GROWING = (
         )
     ),
 )
+
+# Of the chart over the sizes: name, colour and parts of the names of each group of peers, and where
+# the name stands in both panels; and what the panels show.
+_BANDS = (
+    ("CPD: probreg, pycpd", PINK, ("CPD",), ((9, 3e4), (9, 50))),
+    ("ICP, GICP: open3d,\nsmall_gicp, kiss-icp", GREY, ("ICP", "kiss"), ((60, 9), (2200, 4.4))),
+)
+_MEASURES: dict[str, Callable[["Row"], float]] = {
+    "time per call (µs)": lambda row: 1e6 * row.best,
+    "RMSE over that of known pairs": lambda row: row.accuracy.over_floor,
+}
 
 
 @dataclass(frozen=True)
@@ -244,28 +254,36 @@ def charts(rows: Sequence[Row]) -> None:
     """Draw time and accuracy over the number of targets, and one against the other."""
     matplotlib.use("Agg")
     use_style()
-    figure, axes = plt.subplots(2, figsize=(5.5, 6.2), height_ratios=(1.6, 1.0), sharex=True)
+    figure, axes = plt.subplots(2, figsize=(5.5, 5.8), height_ratios=(1.5, 1.0), sharex=True)
     sizes = sorted({row.size for row in rows})
-    ends: tuple[dict[str, Any], dict[str, Any]] = ({}, {})
-    for cost, name, look in _looks():
-        found = [row for size in sizes if (row := find(rows, size, "off", cost, name))]
-        values = [[1e6 * row.best for row in found], [row.accuracy.over_floor for row in found]]
-        for ax, curve, end in zip(axes, values, ends, strict=True):
-            if found and not (ax is axes[1] and name == methods.ONE_PROPAGATED):
-                ax.plot([row.size for row in found], curve, **look)
-                if found[-1].size == sizes[-1]:
-                    end[look["label"]] = (curve[-1], look["color"])
-                else:  # named above its highest mark
-                    highest = found[int(np.argmax(curve))].size, max(curve)
-                    drawing.label(ax, highest, look["label"], look["color"], (-30, 6))
-    titles = "time per call (µs)", "RMSE over that of known pairs"
-    for ax, end, title, gap in zip(axes, ends, titles, (1.8, 1.7), strict=True):
+    for words, color, families, places in _BANDS:
+        members = [peer.name for peer in PEERS if any(each in peer.name for each in families)]
+        found = [[find(rows, size, "off", "its own", name) for name in members] for size in sizes]
+        known = {
+            n: [r for r in each if r] for n, each in zip(sizes, found, strict=True) if any(each)
+        }
+        for ax, place, measure in zip(axes, places, _MEASURES.values(), strict=True):
+            values = [[measure(row) for row in each] for each in known.values()]
+            low, high = (list(map(end, values)) for end in (min, max))
+            ax.fill_between([*known], low, high, facecolor=color, edgecolor=color, alpha=0.3)
+            ax.text(*place, words, color=color, fontsize=9)
+    for name, words, width in (
+        (methods.ONE, "d2d, robust", 2.2),
+        (methods.ONE_PROPAGATED, "d2d, covariance\npropagated", 0.8),
+    ):
+        own = [row for size in sizes if (row := find(rows, size, "off", "robust", name))]
+        look = cost_line("robust") | {"marker": COSTS["robust"].marker, "ms": 2.5 * width}
+        for ax, measure in zip(axes, _MEASURES.values(), strict=True):
+            if ax is axes[0] or name == methods.ONE:
+                ax.plot([row.size for row in own], list(map(measure, own)), **look, lw=width)
+                end = own[-1].size, measure(own[-1])
+                drawing.label(ax, end, words, COSTS["robust"].color, (7, -4))
+    for ax, title in zip(axes, _MEASURES, strict=True):
         ax.set(xscale="log", yscale="log", title=title, ymargin=0.1)
-        _name_ends(ax, sizes[-1], end, gap)
     write_out_ticks(axes[1].xaxis, sizes)
     write_out_ticks(axes[1].yaxis, [1, 2, 5, 10, 20, 50, 100])
-    axes[1].set(xlabel="targets in each set", xlim=(None, 30.0 * sizes[-1]))
-    headline(figure, "d2d is the fastest at 500 and 1000 targets, with under half an ICP's error")
+    axes[1].set(xlabel="targets in each set", xlim=(None, 14.0 * sizes[-1]))
+    headline(figure, "At 500 and 1000 targets d2d is the fastest and the most accurate")
     letter_panels(axes)
     _save(figure, "benchmarks.png")
 
@@ -273,7 +291,7 @@ def charts(rows: Sequence[Row]) -> None:
     figure, axes = plt.subplots(1, 2, figsize=(5.5, 5.0), sharey=True)
     words = ", ".join(map(str, shown))
     beside = {"transform": axes[0].get_yaxis_transform(), "ha": "right", "va": "center"}
-    for height, (cost, name, look) in enumerate(_looks(batches=True)):
+    for height, (cost, name, look) in enumerate(_looks()):
         for n, size in enumerate(shown):
             if row := find(rows, size, "truth", cost, name):
                 marks = {"color": look["color"], "marker": look["marker"], "ms": 4.0 + 2.5 * n}
@@ -294,36 +312,17 @@ def _save(figure: Figure, name: str) -> None:
     plt.close(figure)
 
 
-def _name_ends(ax: Axes, x: float, ends: Mapping[str, tuple[float, str]], gap: float) -> None:
-    """Name the lines that end at ``x`` in a column, whose names are a factor ``gap`` apart."""
-    found = sorted(ends.items(), key=lambda end: end[1])
-    heights = np.log([y for _, (y, _) in found])
-    for _ in range(300):  # names that are too close push each other apart
-        push = 0.5 * np.clip(np.log(gap) - np.diff(heights), 0.0, None)
-        heights += np.append(0.0, push) - np.append(push, 0.0)
-    for (name, (y, color)), height in zip(found, np.exp(heights), strict=True):
-        ax.plot((1.08 * x, 1.4 * x), (y, height), color=color, lw=0.5)
-        ax.text(1.5 * x, height, name, color=color, va="center", fontsize=9)
-
-
-def _looks(batches: bool = False) -> Iterator[tuple[str, str, dict[str, Any]]]:
-    """Cost, name and style of each line of a chart; with ``batches``, these and no covariances.
-
-    Peers have the colour and the mark of their library; broken lines take covariances.
-    """
+def _looks() -> Iterator[tuple[str, str, dict[str, Any]]]:
+    """Cost, name and style of each row of the batches' chart; peers have that of their library."""
     for cost in methods.COSTS:
-        line = cost_line(cost) | {"marker": COSTS[cost].marker, "zorder": 3.0, "lw": 2.2}
+        line = cost_line(cost) | {"marker": COSTS[cost].marker}
         yield cost, methods.ONE, line | {"label": f"d2d, {cost}"}
-        label = f"d2d, {cost}, " + ("batch" if batches else "covariance")
-        name = methods.BATCH if batches else methods.ONE_PROPAGATED
-        yield cost, name, line | {"lw": 0.8, "label": label} | ({} if batches else {"marker": ""})
+        yield cost, methods.BATCH, line | {"label": f"d2d, {cost}, batch"}
     modules = list(dict.fromkeys(peer.module for peer in PEERS))
     for peer in PEERS:
         library, name = modules.index(peer.module), peer.name.split(",")[0]
-        look = {"color": OTHERS[library], "marker": "so^v<"[library], "lw": 1.0, "ms": 4}
-        if "GICP" in peer.name:
-            look |= {"ls": "--", "mfc": "white"}
-        yield "its own", peer.name, look | {"label": name}
+        look = {"color": OTHERS[library], "marker": "so^v<"[library], "label": name}
+        yield "its own", peer.name, look
 
 
 def write(m: Measured) -> None:

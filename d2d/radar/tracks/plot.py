@@ -28,8 +28,8 @@ def draw(driven: Any) -> Figure:
 
     path, times, converged = driven.poses(), driven.times, driven.converged
     rows = 3 + (driven.inliers is not None)
-    figure = plt.figure(figsize=(5.5, 2.6 + 0.9 * rows), layout="constrained")
-    grid = figure.add_gridspec(1 + rows, height_ratios=(3.2, *[1.0] * rows))
+    figure = plt.figure(figsize=(5.5, 3.6 + 0.9 * rows), layout="constrained")
+    grid = figure.add_gridspec(1 + rows, height_ratios=(4.6, *[1.0] * rows))
     ax = figure.add_subplot(grid[0])
     ax.plot(path[:, 0], path[:, 1], **ESTIMATE, lw=1.5)
     ax.plot(*path[0, :2], MARKER, color=COLOR, label="start")
@@ -46,11 +46,12 @@ def draw(driven: Any) -> Figure:
     shown = np.where(converged[:, None], driven.theta, np.nan) * in_units
     spread = 3.0 * np.sqrt(np.diagonal(driven.covariance, axis1=1, axis2=2)) * in_units
     for ax, label, value, width in zip(axes, _LABELS, shown.T, spread.T, strict=False):
-        ax.fill_between(
-            times, value - width, value + width, color=COLOR, alpha=0.3, lw=0.0, label="±3 sigma"
-        )
-        ax.plot(times, value, **ESTIMATE, lw=1.0, label="estimate")
+        ax.fill_between(times, value - width, value + width, color=COLOR, alpha=0.3, lw=0.0)
+        ax.plot(times, value, **ESTIMATE, lw=1.0)
         ax.set_ylabel(label)
+        if converged.any():  # a band may be thinner than its line
+            middle = np.median(width[converged])
+            ax.set_title(f"band: ±3 sigma, mostly ±{middle:.2g}", loc="right", fontsize=9)
     if driven.inliers is not None:
         axes[3].plot(times, driven.inliers, MARKER, ms=2, color=COLOR)
         axes[3].set(ylabel="inlier share", ylim=(-0.05, 1.05))
@@ -58,9 +59,8 @@ def draw(driven: Any) -> Figure:
         if not converged.all():
             bottom = np.full(np.count_nonzero(~converged), 0.04)  # of the axes' height
             where = ax.get_xaxis_transform()
-            ax.plot(times[~converged], bottom, "|", color=_FAILED, transform=where, label="failed")
+            ax.plot(times[~converged], bottom, "|", color=_FAILED, transform=where)
         ax.tick_params(labelbottom=ax is axes[-1])
-    axes[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, frameon=False)
     axes[-1].set_xlabel("time (s)")
     return figure
 

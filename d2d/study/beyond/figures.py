@@ -1,6 +1,7 @@
 """The figures of the exhaustive evaluation."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -10,7 +11,6 @@ from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 
 from d2d.study.beyond.exhaustive import ANNEALING, select
-from d2d.study.book.drawing import label
 from d2d.study.book.grammar import (
     BLACK,
     COSTS,
@@ -114,21 +114,15 @@ def first_scale_panel(ax: Axes, rows: pd.DataFrame) -> None:
     ax.set(xlabel="first scale · σ / start error", ylabel="runs at the truth (%)")
 
 
-def covariance_panel(
-    ax: Axes, covariances: dict[str, StatedCovariances], title: str, *, first: bool
-) -> None:
-    """I^2 of both covariances, a row for each name; the ``first`` panel says what is what."""
-    ax.axvspan(-CREDIBLE_INCLINATION, CREDIBLE_INCLINATION, color=SKY, alpha=0.4, lw=0)
+def covariance_panel(ax: Axes, covariances: dict[str, StatedCovariances], title: str) -> None:
+    """I^2 of both covariances, a row for each name, over the band of the credible ones."""
+    band: dict[str, Any] = {"color": SKY, "alpha": 0.4, "lw": 0, "label": "right within ±0.5 dB"}
+    ax.axvspan(-CREDIBLE_INCLINATION, CREDIBLE_INCLINATION, **band)
     ax.axvline(0.0, **TRUTH)
     heights = np.arange(len(covariances))[::-1]
     for kind, name in (("inverse Hessian", "inverse Hessian"), ("propagated", "propagated noise")):
         values = [both.credibility(kind).inclination for both in covariances.values()]
         ax.plot(values, heights, **COVARIANCES[name].marks, ms=6)
-        if first:
-            beside = (values[-1], heights[-1]), name, COVARIANCES[name].color
-            label(ax, *beside, (7, -3) if name == "inverse Hessian" else (-88, -3))
-    if first:
-        label(ax, (CREDIBLE_INCLINATION, heights[0]), "in the band it is right", SKY, (5, -3))
     # an entry that is not a cost of the grammar keeps its name
     names = [COSTS[key].name if key in COSTS else key for key in covariances]
     ax.set_yticks(heights, names)

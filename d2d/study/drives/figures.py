@@ -165,12 +165,12 @@ def error_bounds(axes: NDArray[np.object_], judged: Mapping[str, Comparison]) ->
         for k, (ax, symbol, unit) in enumerate(zip(column, SYMBOLS, UNITS, strict=True)):
             values, sigma = found.errors[:, k] * IN_UNITS[k], found.sigmas[:, k]
             error_bands(ax, found.times, values, sigma, unit, symbol)
+            ax.set_title(f"{symbol}, {name}")
             ratio = np.abs(values) / sigma
             inside = f"{100.0 * np.mean(ratio[np.isfinite(ratio)] < 3.0):.0f} % inside"
             box = {"facecolor": "white", "edgecolor": "none", "pad": 1.5, "alpha": 0.9}
             place = {"transform": ax.transAxes, "ha": "right", "va": "top", "fontsize": 9}
             ax.text(0.99, 1.0, inside, bbox=box, **place)
-        column[0].set_title(name)
         column[-1].set_xlabel("time (s)")
 
 

@@ -9,44 +9,40 @@ from matplotlib.colors import LogNorm
 from matplotlib.patheffects import withStroke
 
 from d2d._types import Array
-from d2d.study.book.drawing import intervals
-from d2d.study.book.grammar import BLACK, COST_MAP, COVARIANCES, OCHRE, PURPLE, SKY, TRUTH
+from d2d.study.book.drawing import intervals, label
+from d2d.study.book.grammar import BLACK, COST_MAP, COVARIANCES, OCHRE, PURPLE, TRUTH
 from d2d.study.book.style import write_out_ticks
 from d2d.study.estimation.descent import PairedTargets, profile
 from d2d.study.estimation.optimisers import Path
 from d2d.study.runs import StatedCovariances
 
-# The colour of each path, and where in the plane of t_y (m) and phi (degrees) its name stands.
+# Of each path: its colour, and its name with its place in the plane of t_y (m) and phi (degrees).
 LOOKS = {
-    "gradient descent": (OCHRE, (-0.15, 4.6)),
-    "Newton": (PURPLE, (0.4, -0.4)),
-    "Gauss-Newton": (BLACK, (0.15, 7.3)),
-    "Levenberg-Marquardt": (SKY, (0.13, 5.8)),
+    "gradient descent": (OCHRE, (-0.155, 4.6), "gradient\ndescent\n{} steps"),
+    "Newton": (PURPLE, (0.4, -0.6), "Newton, {} steps"),
+    "Gauss-Newton": (BLACK, (0.15, 4.2), "Gauss-Newton and\nLevenberg-Marquardt,\n{} steps each"),
 }
 
 
 def draw_paths(
     ax: Axes, problem: PairedTargets, paths: Mapping[str, Path], iteration: int | None = None
 ) -> None:
-    """Draw the paths over the profiled cost of t_y and phi, what follows an iteration faintly."""
+    """Draw the paths up to an iteration over the profiled cost of t_y and phi."""
     ends = np.concatenate([path.points[:, 1:] for path in paths.values()])
-    margin = 0.15 * np.ptp(ends, axis=0)
+    margin = 0.2 * np.ptp(ends, axis=0)
     t_y, angle = np.linspace(ends.min(axis=0) - margin, ends.max(axis=0) + margin, 81).T
     cost = profile(problem, t_y, angle)
     levels = cost.min() + np.geomspace(1.0, float(np.ptp(cost)), 14)
-    filled: dict[str, Any] = {"cmap": COST_MAP, "norm": LogNorm(), "alpha": 0.35, "extend": "both"}
+    filled: dict[str, Any] = {"cmap": COST_MAP, "norm": LogNorm(), "extend": "both"}
     ax.contourf(t_y, np.rad2deg(angle), cost - cost.min() + 1.0, levels - cost.min(), **filled)
-    for name, path in paths.items():
-        drawn = path.points[:, 1], np.rad2deg(path.points[:, 2])
-        broad = 4.0 if name == "Gauss-Newton" else 1.5  # the path below Levenberg-Marquardt's
-        color, place = LOOKS[name]
-        if iteration is not None:
-            ax.plot(*drawn, ".-", color=color, ms=2 + broad, lw=0.7 * broad, alpha=0.3)
-            drawn = drawn[0][: iteration + 1], drawn[1][: iteration + 1]
-            ax.plot(drawn[0][-1], drawn[1][-1], "o", color=color, ms=8 + broad, mfc="none")
-        ax.plot(*drawn, ".-", color=color, ms=5 + broad, lw=broad)
-        text = f"{name}, {len(path.points) - 1} steps".replace("descent, ", "\ndescent\n")
-        halo = [withStroke(linewidth=3.0, foreground="white")]
+    for name, (color, place, words) in LOOKS.items():
+        points = paths[name].points[: None if iteration is None else iteration + 1, 1:]
+        drawn = points[:, 0], np.rad2deg(points[:, 1])
+        ax.plot(*drawn, "-", color="white", lw=4.5)
+        ax.plot(*drawn, ".-", color=color, ms=7, lw=2.0)
+        ax.plot(drawn[0][-1], drawn[1][-1], "o", color=color, mec="white", ms=8)
+        halo = [withStroke(linewidth=4.0, foreground="white")]
+        text = words.format(len(paths[name].points) - 1)
         ax.text(*place, text, color=color, fontsize=9, path_effects=halo)
     ax.grid(False)
     ax.set(xlabel="$t_y$ (m)", ylabel="$φ$ (°)")
@@ -60,8 +56,8 @@ def propagation_panel(
     sigma: float,
     rng: np.random.Generator,
 ) -> None:
-    """Inputs N(x0, sigma^2) on the x axis; sampled (grey) and propagated outputs on the y axis."""
-    low, high = min(centres) - 6.0 * sigma, max(centres) + 6.0 * sigma
+    """Inputs N(x0, sigma^2) below, sampled (grey), propagated outputs beside; chords: 2 sigma."""
+    low, high = min(centres) - 4.0 * sigma, max(centres) + 4.0 * sigma
     x = np.linspace(low, high, 600)
     y = function(x)
     ax.plot(x, y, color=BLACK)
@@ -80,6 +76,11 @@ def propagation_panel(
         ax.plot(left + size_y * bell, y0 + spread * units, color=color)
         ax.plot(x0, y0, "o", color=color)
         ax.plot([x0, x0, left], [bottom, y0, y0], ":", color=color, lw=0.8)
+        height, width = np.exp(-0.5) * np.array([size_x, size_y]) + [bottom, left]
+        ax.plot([x0 - sigma, x0 + sigma], [height, height], color=color)
+        ax.plot([width, width], [y0 - spread, y0 + spread], color=color)
+        label(ax, (x0 + sigma, height), f"σ = {sigma:g}", color, (3, 0))
+        label(ax, (width, y0 + spread), f"σ = {spread:g}", color, (3, 0))
     ax.set(xlabel="x", ylabel="y", xlim=(left, high), ylim=(bottom, None))
 
 

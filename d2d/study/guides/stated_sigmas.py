@@ -19,7 +19,7 @@ MEASURED = ("range", "azimuth", "doppler")
 _IN_WORDS = {"doppler": "Doppler"}
 # Of each curve: colour, marker, the end at which its name stands, and how far from there.
 _LOOKS = {
-    "range": (GREY, "^", 0, (7, -3)),
+    "range": (GREY, "^", 0, (8, -6)),
     "azimuth": (PURPLE, "o", 2, (-27, 20)),
     "doppler": (OCHRE, "s", -1, (-80, -3)),
 }
@@ -92,4 +92,4 @@ def draw_stated_sigmas(axes: Sequence[Axes], rows: dict[str, list[Row]]) -> None
     axes[1].sharey(axes[0])
     axes[2].set_yscale("log")
     write_out_ticks(axes[2].yaxis, (0.5, 1, 2, 5, 10))
-    axes[0].set_ylabel("over that with the true σ")
+    axes[0].set(ylabel="times that with the true σ", ylim=(0.8, 3.3))

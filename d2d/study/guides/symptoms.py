@@ -130,7 +130,7 @@ def draw_atlas(figure: Figure, cards: Mapping[str, tuple[str, str]], columns: in
     bend = int(np.argmax(swift))  # where the car turns, and is fast enough to fold
     heights = [0.15, *len(cards) // columns * [1.0]]  # the headline's first
     places = figure.subfigures(len(heights), columns, height_ratios=heights)[1:].ravel()
-    edges = {"left": 0.15, "right": 0.97, "bottom": 0.28, "top": 0.9, "height_ratios": (1.7, 1.0)}
+    edges = {"left": 0.21, "right": 0.95, "bottom": 0.34, "top": 0.9, "height_ratios": (1.7, 1.0)}
     for place, letter, (fault, (looks, cure)) in zip(
         places, string.ascii_lowercase, cards.items(), strict=False
     ):
@@ -142,7 +142,7 @@ def draw_atlas(figure: Figure, cards: Mapping[str, tuple[str, str]], columns: in
         place.suptitle(
             f"({letter}) {looks}", x=0.02, y=0.98, ha="left", fontsize=9, weight="normal"
         )
-        place.text(0.02, 0.01, f"{fault}\n{share}\n{cure}", fontsize=9)
+        place.text(0.02, 0.06, f"{fault}\n{share}\n{cure}", fontsize=9, va="bottom")
 
 
 def _draw_path(ax: Axes, driven: Track, truth: Reference) -> None:
@@ -166,4 +166,5 @@ def _draw_fan(ax: Axes, scan: RadarScan, theta: Array, mounting: Mounting) -> No
     ax.vlines(np.rad2deg(scan.azimuth), expected, scan.doppler, MOVING, lw=0.8, alpha=0.5)
     ax.plot(np.rad2deg(scan.azimuth), scan.doppler, ".", color=MOVING, ms=5)
     ax.set(xlim=(-62, 62), ylim=(-13, 13), xticks=[-45, 0, 45], yticks=[-10, 0, 10])
+    ax.tick_params(labelsize=8)
     ax.xaxis.set_major_formatter("{x:.0f}°")

@@ -1,6 +1,7 @@
 """Tables and drawings of the covariances on the road."""
 
 from collections.abc import Mapping, Sequence
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -57,6 +58,8 @@ def draw_scores(judged: Mapping[str, Mapping[str, Any]], wide: bool = False) -> 
     size = (PAGE, 0.9 + 0.36 * len(judged)) if wide else (5.5, 1.3 + 0.55 * len(judged))
     figure, axes = plt.subplots(1, 2, sharey=True, figsize=size)
     places = np.arange(len(judged))[::-1]
+    for ax, place in product(axes, places[::2]):
+        ax.axhspan(place - 0.5, place + 0.5, color="0.95", lw=0)  # which marks are of one drive
     for k, name in enumerate(COVARIANCES):
         offset = 0.22 * (1 - k)
         found = [models[name] for models in judged.values()]

@@ -11,7 +11,7 @@ from matplotlib.colors import Normalize
 
 from d2d._types import Array
 from d2d.radar import ErrorBudget
-from d2d.study.book.grammar import BLACK, COST_MAP
+from d2d.study.book.grammar import BLACK, COST_MAP, GREY
 from d2d.study.book.style import headline, letter_panels, use_style
 from d2d.study.results import results_path
 from d2d.study.road.drive import DATA_SETS, Source
@@ -173,21 +173,22 @@ def chart(results: Mapping[str, pd.DataFrame], path: Path) -> None:
             for row, own in enumerate(values.to_numpy().T):
                 shown = own if len(own) < 3 else own.mean(keepdims=True)
                 known = shown[np.isfinite(shown)]
-                text = " / ".join(f"{value:.{int(value < 9.95)}f}" for value in known) or "–"
+                text = " / ".join(f"{value:.{int(value < 9.95)}f}" for value in known)
                 color = "white" if off[row] < 0.6 * np.log(FAR) else BLACK
                 ax.text(column + 0.5, row + 0.5, text, color=color, ha="center", va="center")
         drives = " / ".join(values.index) if len(values) < 3 else f"mean of {len(values)} drives"
         ax.set(xlim=(0, len(CELLS)), ylim=(len(MODELS), 0), title=f"{name}: {drives}")
-        ax.set_facecolor("0.92")  # of what is not judged
+        cells = rows.groupby("model")["cell"].nunique()
+        for row in np.flatnonzero(cells[[*MODELS]] == 1).tolist():
+            words = "judged with all sensors only"
+            ax.text(0.5 + 0.5 * len(CELLS), row + 0.5, words, color=GREY, ha="center", va="center")
         ax.set_yticks(np.arange(len(MODELS)) + 0.5, MODELS)
         ax.set_xticks(np.arange(len(CELLS)) + 0.5, [cell.replace(" ", "\n") for cell in CELLS])
         ax.grid(visible=False)
     bar = figure.colorbar(image, ax=axes, location="bottom", shrink=0.7, aspect=30)
     bar.set_ticks([*np.log([1, 2, 5, 10])], labels=["1", "2", "5", "10 and more"])
     bar.set_label("factor between the ANEES and 1, to either side")
-    headline(
-        figure, "Without shared errors the ANEES is 9 to 24; a side radar alone stays too sure"
-    )
+    headline(figure, "Without shared errors the ANEES is above 8, with the budget below 3")
     letter_panels(axes)
     figure.savefig(path, dpi=244, metadata={"Software": None})
     plt.close(figure)
