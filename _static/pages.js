@@ -7,6 +7,8 @@ document.addEventListener("readystatechange", () => { // before the theme looks 
   document.querySelectorAll("article code .pre").forEach((each) => (each.innerHTML = each.innerHTML.replace(BREAKS, "$1<wbr>")));
   const texts = document.querySelectorAll("article :is(p, li, td, figcaption)"); // a number and its unit stay together
   texts.forEach((each) => each.childNodes.forEach((node) => node.nodeType === 3 && (node.data = node.data.replace(UNITS, "$1\u00a0"))));
+  const sized = document.querySelectorAll("article img[style*=height]"); // they keep their place until they are loaded
+  sized.forEach(({ style }) => (style.aspectRatio = parseFloat(style.width) / parseFloat(style.height)));
   if (innerWidth >= 1200) captionsAside();
   if (typeof Search !== "undefined") Search.htmlToText = prose;
   const rows = [...document.querySelectorAll(".ledger-row")];

@@ -37,8 +37,7 @@ def draw(driven: Any) -> Figure:
         ax.plot(*outline.T, color=COLOR, lw=0.8, label="_" if i else "95 %")
     if not converged.all():
         ax.plot(*path[1:][~converged, :2].T, "x", ms=4, color=_FAILED, label="failed")
-    ax.set(xlabel="x (m)", ylabel="y (m)")
-    ax.set_aspect("equal", adjustable="datalim")
+    ax.set(xlabel="x (m)", ylabel="y (m)", aspect="equal", adjustable="datalim")
     ax.legend()
     first = figure.add_subplot(grid[1])
     axes = [first, *(figure.add_subplot(grid[i], sharex=first) for i in range(2, 1 + rows))]
@@ -51,7 +50,8 @@ def draw(driven: Any) -> Figure:
         ax.set_ylabel(label)
         if converged.any():  # a band may be thinner than its line
             middle = np.median(width[converged])
-            ax.set_title(f"band: ±3 sigma, mostly ±{middle:.2g}", loc="right", fontsize=9)
+            unit = label.partition("(")[2].rstrip(")")
+            ax.set_title(f"band: ±3 sigma, mostly ±{middle:.2g} {unit}", loc="right", fontsize=9)
     if driven.inliers is not None:
         axes[3].plot(times, driven.inliers, MARKER, ms=2, color=COLOR)
         axes[3].set(ylabel="inlier share", ylim=(-0.05, 1.05))

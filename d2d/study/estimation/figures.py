@@ -10,7 +10,7 @@ from matplotlib.patheffects import withStroke
 
 from d2d._types import Array
 from d2d.study.book.drawing import intervals, label
-from d2d.study.book.grammar import BLACK, COST_MAP, COVARIANCES, OCHRE, PURPLE, TRUTH
+from d2d.study.book.grammar import BLACK, COST_MAP, COVARIANCES, GREY, OCHRE, PURPLE, TRUTH
 from d2d.study.book.style import write_out_ticks
 from d2d.study.estimation.descent import PairedTargets, profile
 from d2d.study.estimation.optimisers import Path
@@ -27,14 +27,16 @@ LOOKS = {
 def draw_paths(
     ax: Axes, problem: PairedTargets, paths: Mapping[str, Path], iteration: int | None = None
 ) -> None:
-    """Draw the paths up to an iteration over the profiled cost of t_y and phi."""
+    """Draw the paths, or up to an iteration on contours, over the profiled cost of t_y and phi."""
     ends = np.concatenate([path.points[:, 1:] for path in paths.values()])
     margin = 0.2 * np.ptp(ends, axis=0)
     t_y, angle = np.linspace(ends.min(axis=0) - margin, ends.max(axis=0) + margin, 81).T
     cost = profile(problem, t_y, angle)
     levels = cost.min() + np.geomspace(1.0, float(np.ptp(cost)), 14)
     filled: dict[str, Any] = {"cmap": COST_MAP, "norm": LogNorm(), "extend": "both"}
-    ax.contourf(t_y, np.rad2deg(angle), cost - cost.min() + 1.0, levels - cost.min(), **filled)
+    lines: dict[str, Any] = {"colors": GREY, "linewidths": 0.5}
+    draw, look = (ax.contourf, filled) if iteration is None else (ax.contour, lines)
+    draw(t_y, np.rad2deg(angle), cost - cost.min() + 1.0, levels - cost.min(), **look)
     for name, (color, place, words) in LOOKS.items():
         points = paths[name].points[: None if iteration is None else iteration + 1, 1:]
         drawn = points[:, 0], np.rad2deg(points[:, 1])
@@ -42,7 +44,7 @@ def draw_paths(
         ax.plot(*drawn, ".-", color=color, ms=7, lw=2.0)
         ax.plot(drawn[0][-1], drawn[1][-1], "o", color=color, mec="white", ms=8)
         halo = [withStroke(linewidth=4.0, foreground="white")]
-        text = words.format(len(paths[name].points) - 1)
+        text = words.format(len(paths[name].points) - 1) if len(points) > 1 else ""
         ax.text(*place, text, color=color, fontsize=9, path_effects=halo)
     ax.grid(False)
     ax.set(xlabel="$t_y$ (m)", ylabel="$φ$ (°)")

@@ -128,8 +128,8 @@ def draw_atlas(figure: Figure, cards: Mapping[str, tuple[str, str]], columns: in
     truth = front_drive().truth
     swift = np.where(truth.theta[:, 0] > _NYQUIST, np.abs(truth.theta[:, 2]), 0.0)
     bend = int(np.argmax(swift))  # where the car turns, and is fast enough to fold
-    heights = [0.15, *len(cards) // columns * [1.0]]  # the headline's first
-    places = figure.subfigures(len(heights), columns, height_ratios=heights)[1:].ravel()
+    high = [0.15, *len(cards) // columns * [1.0]]  # the headline's row first
+    places = figure.subfigures(len(high), columns, squeeze=False, height_ratios=high)[1:].ravel()
     edges = {"left": 0.21, "right": 0.95, "bottom": 0.34, "top": 0.9, "height_ratios": (1.7, 1.0)}
     for place, letter, (fault, (looks, cure)) in zip(
         places, string.ascii_lowercase, cards.items(), strict=False
