@@ -9,7 +9,7 @@ document.addEventListener("readystatechange", () => { // before the theme looks 
   texts.forEach((each) => each.childNodes.forEach((node) => node.nodeType === 3 && (node.data = node.data.replace(UNITS, "$1\u00a0"))));
   const sized = document.querySelectorAll("article img[style*=height]"); // they keep their place until they are loaded
   sized.forEach(({ style }) => (style.aspectRatio = parseFloat(style.width) / parseFloat(style.height)));
-  document.querySelectorAll("article img:not([style*=height])").forEach((each) => (each.loading = "eager"));
+  document.querySelectorAll("article figure > img:not([style*=height])").forEach((each) => (each.loading = "eager"));
   if (innerWidth >= 1200) captionsAside();
   if (typeof Search !== "undefined") Search.htmlToText = prose;
   const rows = [...document.querySelectorAll(".ledger-row")];

@@ -107,7 +107,7 @@ def faulty_figures(notebook: NotebookNode) -> list[str]:
         good = {
             f"mystnb.figure.name must be fig-<id>, got {figure.get('name')!r}": named,
             "no mystnb.figure.caption": figure.get("caption", "").strip(),
-            "no mystnb.image.alt, which a reader is told": image.get("alt", "").strip(),
+            "no mystnb.image.alt, for who cannot see the picture": image.get("alt", "").strip(),
             f"{pictures} pictures, expected {forms}": pictures == forms,
         }
         problems = [problem for problem in good if not good[problem]]

@@ -240,7 +240,7 @@ def load_and_judge(source: Source, cell: Cell, fitted: ErrorBudget) -> dict[str,
 def protocol(sources: Sequence[Source]) -> Judged:
     """Judge every model in every cell on each drive of a data set, fitted to the others."""
     stored = DATA_SETS[sources[0].data_set].budget
-    each = joblib.Parallel()(joblib.delayed(unfiltered)(s.load()) for s in sources)
+    each = joblib.Parallel()(map(joblib.delayed(lambda s: unfiltered(s.load())), sources))
     drives = dict(zip([source.name for source in sources], each, strict=True))
     budgets = {name: fitted_budget(others(drives, name), stored) for name in drives}
     run = joblib.delayed(load_and_judge)
