@@ -35,7 +35,7 @@ def test_the_first_pages_state_the_road_as_chapter_15_does(page: str) -> None:
     road = read_scores()  # baseline 4: 0.3 s between the scans of a pair, as in chapter 15
     drive = road["radarscenes"]["baseline 4"]["105"]
     before, after = (drive[name] for name in ("inverse Hessian", "noise and budget"))
-    shares = re.search(r"(\d+) (?:%|percent)[^|\n]+ inverse Hessian, (?:and )?(\d+) ", text)
+    shares = re.search(r"(\d+)\s(?:%|percent)[^|\n]+ inverse Hessian, (?:and )?(\d+)\s", text)
     assert shares is not None
     assert [*shares.groups()] == [f"{100 * each['inside']:.0f}" for each in (before, after)]
     if page != "intro.md":
