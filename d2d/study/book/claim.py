@@ -15,21 +15,9 @@ A claim is *confirmed* if all of its parts hold and *refuted* if all of them fai
 is *wrong in part*; if none does, *conditional*.  A search outside the thesis's conditions for a
 case in which a claim holds, or fails, is shown beside the verdict and decides nothing.
 
-A number is always judged with its 95 % interval (`d2d.study.book.measured`):
-
-- A difference is *larger* or *smaller* if the whole interval lies beyond a margin, and *the same*
-  if the whole interval lies within it (two one-sided tests, Schuirmann 1987).  An interval that
-  contains a bound of the margin shows neither.
-- The margin is the smallest effect that counts.  Ratios of errors or of standard deviations: 5 %,
-  the effect of a tenth more targets, and what a thousand runs can resolve.  I^2 and NCI: 0.5 dB, a
-  covariance that is 12 % off, which is 6 % of a standard deviation.  ANEES: those 12 %.  Shares: 5
-  percentage points, one draw in twenty.  Offsets: a third of a standard deviation, which raises an
-  RMSE by 5 %.
-- *Nearly all*: the interval of the share lies above 95 %.  *Hardly any* is below 5 %, *some* is
-  above it, *most* is above one half.
-
-The margins are as old as the first measurements: they were set when some effects were known.  The
-evidence says so where a verdict would change with another margin.
+A number is judged with its 95 % interval (`d2d.study.book.measured`) against a margin, the smallest
+effect that counts; the page with the ledger gives the margins and says why.  "Nearly all" is above
+95 %, "hardly any" below 5 %, "some" above it, "most" above one half.
 """
 
 import math

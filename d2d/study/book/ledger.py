@@ -1,6 +1,6 @@
-"""Claims as readers see them: the ledger, its tables, and the line that ends a page.
+"""Claims as readers see them: the ledger, its tables, and the list that ends a page.
 
-The ledger is HTML.  Lines and tables are MyST Markdown, so that they may refer as the text does:
+The ledger is HTML.  Lists and tables are MyST Markdown, so that they may refer as the text does:
 ``[text](#fig-x)`` links to the figure with that label, and the build of the book fails if there is
 none.
 """
@@ -14,9 +14,9 @@ from itertools import groupby
 from typing import NamedTuple
 
 from d2d.study.book.claim import Claim, Evidence, Finding, Verdict
-from d2d.study.book.measured import Measured
+from d2d.study.book.measured import Measured, with_bounds
 from d2d.study.book.table import significant
-from d2d.study.book.templates import render
+from d2d.study.book.templates import render, typeset
 from d2d.study.book.thesis_figures import FIGURES, ThesisFigure, page_of
 
 SIGNS: dict[Verdict, str] = {
@@ -53,13 +53,26 @@ def anchor(id: str) -> str:
     return f"claim-{id}"
 
 
+def _figures(value: float) -> list[str]:
+    """Return a number, and the bounds of its interval if it has one, all with equal decimals."""
+    each = with_bounds(value)
+    width, largest = max(each) - min(each), max(map(abs, each))
+    if not 1e-5 < width < math.inf:
+        return [significant(number) for number in each]
+    least = -math.floor(max(math.log10(width) - 1, math.log10(largest) - 2))
+    for decimals in range(min(max(least, 0), 3), 6):
+        shown = [f"{round(number, decimals) + 0.0:.{decimals}f}" for number in each]
+        if len({*shown}) > 1:
+            break
+    return shown
+
+
 def _bounds(value: float) -> list[str]:
-    bounds = (value.low, value.high) if isinstance(value, Measured) else ()
-    return [significant(bound) for bound in bounds] or ["exact"]  # say, a count
+    return _figures(value)[1:] or ["exact"]  # say, a count
 
 
 def _with_interval(value: float) -> str:
-    return f"{significant(value)} [{', '.join(_bounds(value))}]"
+    return f"{_figures(value)[0]} [{', '.join(_bounds(value))}]"
 
 
 def _where(claim: Claim) -> str:
@@ -84,33 +97,29 @@ def in_words(claim: Claim, evidence: Evidence) -> str:
 
 @dataclass(frozen=True)
 class PageClaims:
-    """The claims that a page settles, in one line; displays itself."""
+    """The claims that a page settles, by verdict; displays itself."""
 
-    verdicts: dict[Verdict, list[str]]  # ids, without empty verdicts
+    verdicts: dict[Verdict, list[Claim]]  # without empty ones
 
     def __str__(self) -> str:
-        return "; ".join(
-            f"{len(ids)} {verdict}: {', '.join(ids)}" for verdict, ids in self.verdicts.items()
-        )
+        named = {verdict: [claim.id for claim in own] for verdict, own in self.verdicts.items()}
+        return "; ".join(f"{len(ids)} {each}: {', '.join(ids)}" for each, ids in named.items())
 
     __repr__ = __str__
 
     def _repr_markdown_(self) -> str:
-        def link(id: str) -> str:
-            return f'<a href="{LEDGER}#{anchor(id)}"><code>{id}</code></a>'
-
-        listed = "; ".join(
-            f"{len(ids)} {badge(verdict)}: {', '.join(map(link, ids))}"
-            for verdict, ids in self.verdicts.items()
+        return "**What the thesis claims of this, and what came out:**\n\n" + "\n".join(
+            f'- {badge(verdict)} <a href="{LEDGER}#{anchor(claim.id)}">{typeset(claim.text)}</a>'
+            for verdict, own in self.verdicts.items()
+            for claim in own
         )
-        return f"**What the thesis claims of this, and what came out:** {listed}."
 
 
 def page_claims(page: str, claims: Iterable[Claim], record: Mapping[str, Evidence]) -> PageClaims:
     """Return the claims of a page, named as its file, by verdict."""
-    own = [claim.id for claim in claims if claim.page == page]
-    ids = {verdict: [id for id in own if record[id].verdict == verdict] for verdict in SIGNS}
-    return PageClaims({verdict: listed for verdict, listed in ids.items() if listed})
+    own = [claim for claim in claims if claim.page == page]
+    by = {sign: [claim for claim in own if record[claim.id].verdict == sign] for sign in SIGNS}
+    return PageClaims({verdict: listed for verdict, listed in by.items() if listed})
 
 
 def count_verdicts(record: Mapping[str, Evidence]) -> str:
@@ -177,7 +186,7 @@ class Ledger:
     def _repr_html_(self) -> str:
         by_page = sorted(self.rows, key=lambda row: row.claim.page)
         words = {"badge": badge, "style": _style, "anchor": anchor, "where": _where}
-        numbers = {"significant": significant, "bounds": _bounds, "axis": _axis}
+        numbers = {"figures": _figures, "bounds": _bounds, "axis": _axis}
         chapters = {chapter: [*rows] for chapter, rows in groupby(by_page, lambda row: row.chapter)}
         tables = {"signs": SIGNS, "findings": FINDINGS, "width": _WIDTH, "height": _HEIGHT}
         return render(
@@ -207,11 +216,9 @@ def _axis(number: Measured) -> _Axis | None:
     if not number.margin_units:
         return None
     middle = 0.5 * _WIDTH
+    scale = (middle - 4) / math.log1p(_FARTHEST)
     low, value, high = (
-        middle
-        + math.copysign(
-            (middle - 4) * math.log1p(min(abs(margins), _FARTHEST)) / math.log1p(_FARTHEST), margins
-        )
+        middle + math.copysign(scale * math.log1p(min(abs(margins), _FARTHEST)), margins)
         for margins in number.margin_units
     )
     side = "for" if low > middle else "against" if high < middle else "open"

@@ -48,6 +48,11 @@ class Measured(float):
         return f"{self.low:{spec}} to {self.high:{spec}}"
 
 
+def with_bounds(value: float) -> tuple[float, ...]:
+    """Return a number, and the bounds of its interval if it has one."""
+    return (value, value.low, value.high) if isinstance(value, Measured) else (value,)
+
+
 def complement(share: Measured) -> Measured:
     """Return the share of all other cases."""
     return Measured(1.0 - share, 1.0 - share.high, 1.0 - share.low)

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from d2d.study.book.claim import Evidence
-from d2d.study.book.measured import Measured
+from d2d.study.book.measured import Measured, with_bounds
 from d2d.study.results import read_json, results_path, write_json
 
 RELATIVE, ABSOLUTE = 0.005, 0.002
@@ -42,7 +42,7 @@ def _stored(value: float) -> float | list[Any]:
     if not isinstance(value, Measured):
         return float(value)
     mark = ["telling", *value.margin_units] if value.headline else []
-    return [*_parts(value), *mark]
+    return [*with_bounds(value), *mark]
 
 
 def read_record(path: Path | None = None) -> dict[str, Evidence]:
@@ -72,7 +72,9 @@ def differences(fresh: Evidence, recorded: Evidence) -> list[str]:
         f"{name}: {value:.4g}": f"{stored:.4g}"
         for name in fresh.numbers
         for value, stored in zip_longest(
-            _parts(fresh.numbers[name]), _parts(recorded.numbers[name]), fillvalue=math.nan
+            with_bounds(fresh.numbers[name]),
+            with_bounds(recorded.numbers[name]),
+            fillvalue=math.nan,
         )
         if not math.isclose(value, stored, rel_tol=RELATIVE, abs_tol=ABSOLUTE)
     }
@@ -85,7 +87,3 @@ def differences(fresh: Evidence, recorded: Evidence) -> list[str]:
         if _NUMBER.sub("#", sentence) != _NUMBER.sub("#", written):
             pairs[repr(sentence)] = repr(written)
     return [f"{found}, on record {written}" for found, written in pairs.items()]
-
-
-def _parts(value: float) -> tuple[float, ...]:
-    return (value, value.low, value.high) if isinstance(value, Measured) else (value,)

@@ -30,7 +30,8 @@ from d2d.study.plane import figures
 
 CHAPTERS = Path(__file__).resolve().parents[3] / "chapters"
 RATIO = Measured(1.23456, 1.1, 2.0, True, (-2.0, -1.0, 0.5))
-NUMBERS = {"steps": 6080.0, "ratio < 2": RATIO, "slope": -0.5}
+SHARE = Measured(1.0, 0.996, 1.0)
+NUMBERS = {"steps": 6080.0, "ratio < 2": RATIO, "slope": -0.5, "share": SHARE}
 PARTS = {"the one": "holds if", "the other": "fails"}
 RECORD = {
     "a": Evidence({"it is": "holds"}, "it is so.", NUMBERS, "Not said.", "9 draws"),
@@ -58,16 +59,18 @@ def test_row_unfolds_to_all_that_is_on_record(rows):
     or a condition of a claim that is confirmed.
     """
     line, body = rows[0].split("</summary>", 1)
-    assert read(line).endswith("✓ confirmed A is right. 1.23 1.1 to 2 ratio < 2")
+    assert read(line).endswith("✓ confirmed A is right. 1.23 1.10 to 2.00 ratio < 2")
     shown = read(body)
-    numbers = "ratio < 2 1.1 to 2 1.23 Measured over 9 draws The other 2 numbers steps exact 6080"
-    assert f"It is so. {numbers} slope exact -0.5" in shown
+    numbers = (
+        "ratio < 2 1.10 to 2.00 1.23 Measured over 9 draws The other 3 numbers steps exact 6080"
+    )
+    assert f"It is so. {numbers} slope exact -0.5 share 0.996 to 1.000 1.000" in shown
     assert "Not said." not in shown
     assert "≈ the one: holds under a condition ✗ the other: fails Holds: Never." in read(rows[1])
     assert "<details>" not in rows[1]
     assert str(ledger(TWO, RECORD)).splitlines() == [
-        "confirmed     a (4.4): ratio < 2 1.23 [1.1, 2]",
-        "wrong in part b (6.3): ratio 1.23 [1.1, 2]",
+        "confirmed     a (4.4): ratio < 2 1.23 [1.10, 2.00]",
+        "wrong in part b (6.3): ratio 1.23 [1.10, 2.00]",
     ]
 
 
@@ -75,7 +78,7 @@ def test_page_ends_with_its_claims_by_verdict():
     """Breaks if a page is told another page's claims, or none are told of a claim."""
     told = page_claims("05_outliers_and_clusters_1d", TWO, RECORD)
     assert str(told) == "1 confirmed: a"
-    assert read(told._repr_markdown_()).endswith("1 ✓ confirmed : a .")
+    assert read(told._repr_markdown_()).endswith("✓ confirmed A is right.")
     assert f'href="{LEDGER}#claim-a"' in told._repr_markdown_()
     assert page_claims("results", TWO, RECORD).verdicts == {}
     ends = [claims_on(page) for page in {claim.page for claim in CLAIMS.values()}]
