@@ -164,7 +164,7 @@ def error_bounds(axes: NDArray[np.object_], judged: Mapping[str, Comparison]) ->
     for column, (name, found) in zip(axes.T, judged.items(), strict=True):
         for k, (ax, symbol, unit) in enumerate(zip(column, SYMBOLS, UNITS, strict=True)):
             values, sigma = found.errors[:, k] * IN_UNITS[k], found.sigmas[:, k]
-            error_bands(ax, found.times, values, sigma, unit, symbol)
+            error_bands(ax, found.times, values, sigma, f"{symbol} ({unit})")
             ax.set_title(f"{symbol}, {name}")
             ratio = np.abs(values) / sigma
             inside = f"{100.0 * np.mean(ratio[np.isfinite(ratio)] < 3.0):.0f} % inside"

@@ -18,9 +18,9 @@ from d2d.study.runs import StatedCovariances
 
 # Of each path: its colour, and its name with its place in the plane of t_y (m) and phi (degrees).
 LOOKS = {
-    "gradient descent": (OCHRE, (-0.155, 4.6), "gradient\ndescent\n{} steps"),
-    "Newton": (PURPLE, (0.4, -0.6), "Newton, {} steps"),
-    "Gauss-Newton": (BLACK, (0.15, 4.2), "Gauss-Newton and\nLevenberg-Marquardt,\n{} steps each"),
+    "gradient descent": (OCHRE, (-0.19, 4.6), "gradient\ndescent\nsteps: {}"),
+    "Newton": (PURPLE, (0.4, -0.6), "Newton, steps: {}"),
+    "Gauss-Newton": (BLACK, (0.15, 4.2), "Gauss-Newton and\nLevenberg-Marquardt,\nsteps: {}"),
 }
 
 
@@ -44,7 +44,7 @@ def draw_paths(
         ax.plot(*drawn, ".-", color=color, ms=7, lw=2.0)
         ax.plot(drawn[0][-1], drawn[1][-1], "o", color=color, mec="white", ms=8)
         halo = [withStroke(linewidth=4.0, foreground="white")]
-        text = words.format(len(paths[name].points) - 1) if len(points) > 1 else ""
+        text = words.format(len(points) - 1) if len(points) > 1 else ""
         ax.text(*place, text, color=color, fontsize=9, path_effects=halo)
     ax.grid(False)
     ax.set(xlabel="$t_y$ (m)", ylabel="$φ$ (°)")

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 
 from d2d._types import Array
@@ -12,14 +11,13 @@ from d2d.cost import RegistrationCost
 from d2d.point_set import PointSet
 from d2d.study.book.grammar import (
     BLACK,
-    COSTS,
     OUTLIER,
     TRUTH,
     cost_key,
     cost_line,
     set_marks,
 )
-from d2d.study.book.style import headline, letter_panels, write_out_ticks
+from d2d.study.book.style import write_out_ticks
 from d2d.study.line import scene
 from d2d.study.line.surfaces import Peaks, log_surface, peaks, target_log_surfaces
 
@@ -31,7 +29,7 @@ def line_targets(
     ax: Axes, points: PointSet, true: Array, names: Sequence[str], marks: str = "fixed"
 ) -> None:
     """Draw a row for each target on a line: density, true place (hollow), observed (filled)."""
-    x = np.linspace(true.min() - 2.0, true.max() + 2.0, 1201)
+    x = np.linspace(true.min() - 6.0, true.max() + 6.0, 2401)
     variances = points.covariances[:, 0, 0]
     scaled = np.sqrt(2.0 * np.pi * variances[:, None])
     densities = np.exp(-0.5 * (x - points.means) ** 2 / variances[:, None]) / scaled
@@ -41,15 +39,17 @@ def line_targets(
         ax.plot(mean, -k, **set_marks(marks) | {"ms": 4})
         if name == "O":
             ax.plot(mean, -k, **set_marks("outlier"))
-    ax.set_xlabel("x (m)")
+    ax.set(xlabel="x (m)", xlim=(true.min() - 2.0, true.max() + 2.0))
 
 
-def _rows(ax: Axes, x: Array, densities: Array, names: Sequence[str], highest: float) -> None:
-    """Draw densities (K, T) over x one below the other, all to one scale, named at the left."""
-    for k, (name, density) in enumerate(zip(names, densities, strict=True)):
+def _rows(
+    ax: Axes, x: Array, heights: Array, names: Sequence[str], highest: float, shade: float = 0.25
+) -> None:
+    """Draw curves (K, T) over x one below the other, all to one scale, named at the left."""
+    for k, (name, height) in enumerate(zip(names, heights, strict=True)):
         color = OUTLIER if name == "O" else TARGETS[k]
-        curve = 0.85 * density / highest - k
-        ax.fill_between(x, -k, curve, color=color, alpha=0.25, lw=0)
+        curve = 0.85 * height / highest - k
+        ax.fill_between(x, -k, curve, color=color, alpha=shade, lw=0)
         ax.plot(x, curve, color=color, lw=1.2)
     ax.set_yticks(-np.arange(len(names)), names)
     ax.tick_params(axis="y", length=0)
@@ -73,9 +73,11 @@ def surface(
 def cost_surface(ax: Axes, translations: Array, log_values: Array, **style: Any) -> None:
     """Draw minus the logarithm of a surface, above its minimum: wells and walls on one scale."""
     surface(ax, translations, log_values.max() - log_values, ylabel="−log density", **style)
-    ax.set_yscale("asinh", linear_width=SOFT)
-    ticks = (0, 10, 100, 1000) if ax.dataLim.y1 > 20.0 else (0, 2, 5)
-    write_out_ticks(ax.yaxis, [tick for tick in ticks if tick < ax.dataLim.y1])
+    if (highest := ax.dataLim.y1) > 20.0:
+        ax.set_yscale("asinh", linear_width=SOFT)
+        write_out_ticks(ax.yaxis, [tick for tick in (0, 10, 100, 1000) if tick < highest])
+        finer = np.outer([1, 10, 100], range(1, 10)).ravel()  # which show that steps are uneven
+        ax.set_yticks(finer[finer < highest], minor=True)
 
 
 def both_sets(
@@ -104,12 +106,12 @@ def every_target(
     """Draw the surface of each moving target, as a density or as a cost, in a row of its own."""
     logs = target_log_surfaces(cost, translations, *sets)
     if negative_log:
-        wells = np.arcsinh((logs.max(axis=1, keepdims=True) - logs) / SOFT)
-        _rows(ax, translations, wells, names, float(wells.max()))
+        wells = logs.max(axis=1, keepdims=True) - logs
+        _rows(ax, translations, wells, names, float(wells.max()), shade=0.0)
     else:
-        fixed = sets[0]
-        deviations = np.sqrt(2.0 * np.pi * fixed.covariances[:, 0, 0])
-        _rows(ax, translations, np.exp(logs), names, float((fixed.weights / deviations).max()))
+        peaks_of_p2d = sets[0].weights / np.sqrt(2.0 * np.pi * sets[0].covariances[:, 0, 0])
+        highest = max(float(peaks_of_p2d.max()), float(np.exp(logs).max()))
+        _rows(ax, translations, np.exp(logs), names, highest)
     ax.axvline(scene.TRUTH, **TRUTH)
     ax.set(xlabel="$t_x$ (m)", title="targets, −log" if negative_log else "targets")
 
@@ -124,28 +126,11 @@ def fused(
     """Draw the fused surface as a density, in a second panel as a cost, and return its peaks."""
     values = log_surface(cost, translations, *sets)
     style = cost_line(cost_key(cost), cost.metric)
-    surface(axes[0], translations, np.exp(values), ylabel="density", **style)
+    unit = "1/m" if cost.fusion == "summing" else f"1/m$^{sets[1].size}$"
+    surface(axes[0], translations, np.exp(values), ylabel=f"density ({unit})", **style)
     if len(axes) > 1:
         cost_surface(axes[1], translations, values, **style)
-    for ax, low in zip(axes, (0.86, 0.0), strict=False):
+    for ax, low, words in zip(axes, (0.86, 0.0), ("", ", −log"), strict=False):
         ax.axvline(scene.TRUTH, low, **TRUTH)
-        ax.set_title(title, color=style["color"])
+        ax.set_title(title + words, color=style["color"])
     return peaks(translations, values)
-
-
-def targets_and_fusions(
-    finding: str,
-    translations: Array,
-    sets: tuple[PointSet, PointSet],
-    names: Sequence[str],
-) -> dict[str, Peaks]:
-    """Draw rows of targets, their sum and their likelihood, as densities."""
-    figure, axes = plt.subplots(3, 1, sharex=True, figsize=(5.5, 5.0), height_ratios=(1.3, 1, 1))
-    every_target(axes[0], translations, RegistrationCost(), sets, names)
-    found: dict[str, Peaks] = {}
-    costs = RegistrationCost(fusion="summing"), RegistrationCost()
-    for ax, cost in zip(axes[1:], costs, strict=True):
-        found[cost.fusion] = fused([ax], translations, cost, sets, COSTS[cost.fusion].name)
-    headline(figure, finding)
-    letter_panels(axes)
-    return found

@@ -46,7 +46,7 @@ SCALE = (1, 10, 100, 1000)  # of the colours of −log density above its minimum
 LEVELS = (1, 10, 30, 100, 300, 1000)
 ROTATIONS: Array = np.deg2rad(np.linspace(-40.0, 40.0, 321))
 IN_LABEL_UNITS = np.array([1.0, 1.0, np.rad2deg(1.0)])
-LABELS = (("m", "$t_x$"), ("m", "$t_y$"), ("°", "φ"))
+LABELS = "$t_x$ (m)", "$t_y$ (m)", "φ (°)"
 SEEN = {"summing": "sum: wells", "likelihood": "likelihood: bowl", "robust": "robust: one well"}
 Place = tuple[int, str, float, float]  # of a name: panel, cost, and coordinates
 
@@ -112,13 +112,13 @@ def bounds_columns(scenario: Scenario, names: Sequence[str], finding: str) -> No
     limits = 6.5 * np.max([np.nanmedian(s, axis=0) for s in sigmas], axis=0)
     for size in ((5.5, 5.9), (PAGE, 4.6)):
         figure, axes = plt.subplots(3, len(names), sharex=True, sharey="row", figsize=size)
-        for column, result, sigma in zip(axes.T, results, sigmas, strict=True):
+        for column, name, result, sigma in zip(axes.T, names, results, sigmas, strict=True):
             errors = result.errors * IN_LABEL_UNITS
             for k, ax in enumerate(column):
                 ax.set_ylim(-limits[k], limits[k])
                 order = np.argsort(sigma[:200, k])
                 shown = errors[order, k], sigma[order, k]
-                error_bands(ax, np.arange(200.0), *shown, *LABELS[k])
+                error_bands(ax, np.arange(200.0), *shown, LABELS[k], name)
                 ratio = np.nanmedian(sigma[:, k]) / rms(errors[:, k])
                 stated = f"stated {ratio:.1f} × actual"
                 ax.text(5.0, 0.84 * limits[k], stated, fontsize=9, va="center")
