@@ -118,21 +118,21 @@ def block_sums(series: Array, block: int) -> Array:
 
 
 def block_length(series: ArrayLike) -> int:
-    """Block length with which `block_bootstrap` best estimates the variance of a series' mean.
+    r"""Block length with which `block_bootstrap` best estimates the variance of a series' mean.
 
     The series (N,) or (N, n) is in time order; with several columns, the one that needs the longest
-    blocks decides.  The length is 1 for a series without correlation, and at most 3 sqrt(N) and
-    N / 3.
+    blocks decides.  The length is 1 for a series without correlation, and at most
+    :math:`3\sqrt N` and :math:`N/3`.
 
     Notes
     -----
     The rule of Politis & White (2004) as corrected by Patton, Politis & White (2009): with the
     autocovariances R(k), weighted by a flat-top window w(k) whose width is twice the lag after
-    which five or more of them are insignificant::
+    which five or more of them are insignificant,
 
-        block = (3/2 N)^(1/3) (G / S)^(2/3),  G = sum w(k) |k| R(k),  S = sum w(k) R(k)
+    .. math:: (3N/2)^{1/3} (G/S)^{2/3}, \quad G = \sum_k w(k) |k| R(k), \; S = \sum_k w(k) R(k).
 
-    A first-order autoregression with coefficient a has G / S = 2 a / (1 - a²).
+    A first-order autoregression with coefficient a has :math:`G/S = 2a/(1 - a^2)`.
     """
     values = check_finite("series", series, "(N,)", "(N, n)", empty=False)
     rows = len(values)

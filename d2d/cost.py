@@ -35,7 +35,7 @@ _FUSIONS = {"likelihood": layout.LIKELIHOOD, "summing": layout.SUMMING}
 
 @dataclass(frozen=True)
 class UniformOutlier(Frozen):
-    """A constant added to every target's density: qₖ + c (thesis eq. 4.14, Blake-Zisserman).
+    """A constant added to each target's density, :math:`q_k + c` (Blake-Zisserman, thesis 4.14).
 
     The sum is not a probability density of the target's position: its integral diverges.
 
@@ -55,12 +55,12 @@ class UniformOutlier(Frozen):
 
 @dataclass(frozen=True, eq=False)
 class CorruptedGaussian(Frozen):
-    """A wide Gaussian at every component: (1 - α) qₖ + α ∑ᵢ wᵢ N(T(μₖ) | μᵢ, Sₒ).
+    r"""A wide Gaussian at every component (Hartley & Zisserman, Multiple View Geometry, app. 6).
 
-    The ``fraction`` of outliers α is within [0, 1] (thesis eq. 6.3; in its eq. 4.16, α is
-    the fraction of inliers), and the ``covariance`` Sₒ (D, D) in m² is symmetric positive
-    definite; in 1D, a number is taken as the variance.  The name follows Hartley & Zisserman,
-    Multiple View Geometry, appendix 6.
+    .. math:: (1 - \alpha)\, q_k + \alpha \sum_i w_i\, \mathcal N(T(\mu_k) \mid \mu_i, S_o)
+
+    The ``fraction`` of outliers :math:`\alpha` is within [0, 1] (thesis eq. 6.3; inliers in 4.16),
+    the ``covariance`` :math:`S_o` (D, D) in m² positive definite; in 1D, a number is a variance.
     """
 
     fraction: float
@@ -98,7 +98,7 @@ _MODELS = ", ".join(model.__name__ for model in get_args(OutlierModel))
 
 @dataclass(frozen=True)
 class RegistrationCost:
-    """The cost that is minimised over the motion: a metric, a fusion and an outlier model.
+    r"""The cost that is minimised over the motion: a metric, a fusion and an outlier model.
 
     All methods take the motion ``theta`` (..., P), [t_x] in m or [t_x, t_y, phi_z] in m, m, rad;
     the point sets ``fixed`` with N components and ``moving`` with K targets; and a
@@ -107,11 +107,11 @@ class RegistrationCost:
     Parameters
     ----------
     metric : "d2d" or "p2d"
-        Distribution to distribution, Sₖᵢ = R Σₖ Rᵀ + Σᵢ (thesis eq. 4.7, Stoyanov 2012),
-        or point to distribution, Sₖᵢ = Σᵢ (thesis eq. 4.4, Biber 2003).
+        Distribution to distribution, :math:`S_{ki} = R \Sigma_k R^{\mathsf T} + \Sigma_i` (Stoyanov
+        2012, thesis eq. 4.7), or point to it, :math:`S_{ki} = \Sigma_i` (Biber 2003, eq. 4.4).
     fusion : "likelihood" or "summing"
-        -∑ₖ log qₖ (thesis eq. 4.10) or -log ∑ₖ qₖ (thesis eq. 4.8; the logarithm keeps the
-        optimum and makes the Hessian independent of the density's unit).
+        :math:`-\sum_k \log q_k` (thesis eq. 4.10) or :math:`-\log \sum_k q_k` (eq. 4.8; the
+        logarithm keeps the optimum and makes the Hessian independent of the density's unit).
     outlier : UniformOutlier, CorruptedGaussian or None
         The outlier component of each target's density.
 
@@ -143,7 +143,7 @@ class RegistrationCost:
         *,
         measurement: LinearMeasurement | None = None,
     ) -> Array:
-        """Density qₖ (..., K) of each moving target, in 1/m (1D) or 1/m² (2D).
+        """Density :math:`q_k` (..., K) of each moving target, in 1/m (1D) or 1/m² (2D).
 
         The outlier component is included.  With a measurement, the unit is also divided by that of
         the measurement.

@@ -53,13 +53,13 @@ def propagate_covariance(
     *,
     measurement: LinearMeasurement | None = None,
 ) -> Array:
-    """Covariance of the optimum by propagation of the measurement errors (Censi 2007).
+    r"""Covariance of the optimum by propagation of the measurement errors (Censi 2007).
 
-    The optimum is where the gradient vanishes, f_θ(θ, z) = 0, with z all measured
-    coordinates of both sets.  By the implicit function theorem dθ / dz = -H⁻¹ f_θz,
-    and to first order (thesis sec. 5.2)::
+    At the optimum the gradient vanishes, :math:`f_\theta(\theta, z) = 0`, with z all measured
+    coordinates of both sets.  The implicit function theorem gives its derivative by z,
+    :math:`-H^{-1} f_{\theta z}`, and to first order (thesis sec. 5.2) the covariance
 
-        Σ_θ = H⁻¹ f_θz Σ_z f_θzᵀ H⁻¹
+    .. math:: \Sigma_\theta = H^{-1} f_{\theta z}\, \Sigma_z\, f_{\theta z}^{\mathsf T} H^{-1}.
 
     The covariance (..., P, P) of ``theta`` is nan where the estimate did not converge.  Raises a
     ``ValueError`` if the estimate is one of other arguments, and warns of covariances that are more
@@ -70,8 +70,8 @@ def propagate_covariance(
     estimate : Estimate
         The result of `register` with the same sets, cost and measurement.
     fixed, moving : PointSet
-        Their covariances are the diagonal blocks of Σ_z, even if the metric ignores those of
-        ``moving``.
+        Their covariances are the diagonal blocks of :math:`\Sigma_z`, even if the metric ignores
+        those of ``moving``.
     cost : RegistrationCost, optional
         By default, the D2D likelihood without an outlier component.
     measurement : LinearMeasurement, optional

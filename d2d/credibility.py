@@ -14,12 +14,12 @@ from d2d.scores import checked_errors, normalised_squares
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Credibility:
-    """How N errors compare with the covariances that were estimated for them.
+    r"""How N errors compare with the covariances that were estimated for them.
 
     Attributes
     ----------
     nees : (N,) array
-        Normalised estimation error squared, eᵀ Σ⁻¹ e; its mean is ideally the dimension n.
+        Normalised estimation error squared, :math:`e^{\mathsf T} \Sigma^{-1} e`; ideally n.
     anees : float
         Average NEES over runs and dimensions; 1 is ideal, more is optimistic.
     bounds : (2,) array
@@ -29,12 +29,12 @@ class Credibility:
     credible_nees : (N,) array
         NEES of the same errors with their actual mean square error matrix as the covariance.
     ratio : (N,) array
-        Credibility ratio ρ = nees / credible_nees; above 1 is optimistic.
+        Credibility ratio :math:`\rho` = nees / credible_nees; above 1 is optimistic.
     nci : float
-        Noncredibility index, ``10 mean |log10 ρ|``, in dB; 0 is ideal.
+        Noncredibility index, the mean of :math:`10\, |\log_{10} \rho|`, in dB; 0 is ideal.
     inclination : float
-        Inclination indicator I², 10 mean log₁₀ ρ, in dB; above 0 is optimistic, below 0
-        pessimistic.
+        Inclination indicator I², the mean of :math:`10 \log_{10} \rho`, in dB; above 0 is
+        optimistic, below 0 pessimistic.
     """
 
     nees: Array

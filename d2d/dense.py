@@ -20,9 +20,9 @@ TURN = np.array([[0.0, -1.0], [1.0, 0.0]])  # E: d R / d phi = E R
 
 
 class Pairs(NamedTuple):
-    """log N(0 | d, S) of every pair of a moving target and a component, with its gradient.
+    r""":math:`\log \mathcal N(0 \mid d, S)` of every pair of target and component, with gradient.
 
-    With the rotated mean p and covariance C of the target: d = p + t - μᵢ, B = S⁻¹, u = B d.
+    With the rotated mean p and covariance C: :math:`d = p + t - \mu_i` and :math:`u = S^{-1} d`.
     """
 
     log: Array  # (B, K, N), the mixture's weight included
@@ -30,9 +30,9 @@ class Pairs(NamedTuple):
 
 
 def pair_up(shifted: Array, turned: Array, spread: Array, slope: Array, fixed: PointSet) -> Pairs:
-    """Every target, ``turned`` to p and ``shifted`` to p + t, paired with every fixed component.
+    r"""Every target, ``turned`` to p and ``shifted`` to p + t, paired with every fixed component.
 
-    ``spread`` (B, K, N, D, D) is S and ``slope`` (B, K, D, D) is C_phi.
+    ``spread`` (B, K, N, D, D) is S and ``slope`` (B, K, D, D) is :math:`C_\varphi`.
     """
     d = shifted[:, :, None] - fixed.means[:, None]
     b = np.asarray(np.linalg.inv(spread), dtype=np.float64)
@@ -87,7 +87,7 @@ def components(
 
 
 def responsibilities(parts: list[Pairs], cost: RegistrationCost) -> list[Array]:
-    """γ (B, K, N) of each component: its share of the target's density, or of all targets'."""
+    r"""Each component's share (B, K, N) of its target's density, or of the sum of all targets'."""
     alternatives = (-1,) if cost.fusion == "likelihood" else (-2, -1)
     logs = _all_logs(parts, cost)
     top = logs.max(axis=alternatives, keepdims=True)
@@ -96,7 +96,7 @@ def responsibilities(parts: list[Pairs], cost: RegistrationCost) -> list[Array]:
 
 
 def target_log_densities(parts: list[Pairs], cost: RegistrationCost) -> Array:
-    """log qₖ (B, K): the components of each target summed (thesis eq. 4.3 and 6.4)."""
+    r""":math:`\log q_k` (B, K): the components of each target summed (thesis eq. 4.3 and 6.4)."""
     return _log_sum(_all_logs(parts, cost))
 
 
@@ -107,7 +107,7 @@ def value(
     cost: RegistrationCost,
     measurement: LinearMeasurement | None = None,
 ) -> Array:
-    """Value (B,) of the objective: -∑ₖ log qₖ, or -log ∑ₖ qₖ.
+    r"""Value (B,) of the objective, :math:`-\sum_k \log q_k` or :math:`-\log \sum_k q_k`.
 
     The same as `RegistrationCost.value` for motions (B, P) and point sets of batch shape (B,).
     """

@@ -18,24 +18,24 @@ _INPUT = Bounds(least=0.0, most=1e20)
 
 @dataclass(frozen=True, eq=False)
 class LinearMeasurement(Frozen):
-    """Scalars zₖ ~ N(hₖᵀ ξ, σₖ² + qₖ² (sₖᵀ ξ)²), one for each moving target.
+    r"""A scalar measured of each moving target, which is linear in the motion.
 
-    ξ is either the motion theta itself or its twist, the SE(2) logarithm `d2d.rigid.logarithm`.
-    The measurement's density multiplies the target's inlier density and leaves the outlier
-    component unchanged.  The variance may grow with the motion: sₖᵀ ξ is the derivative of
-    the prediction in an input of standard deviation qₖ (for Doppler velocities the azimuth,
-    thesis sec. 7.1).
+    It is
+    :math:`z_k \sim \mathcal N(h_k^{\mathsf T} \xi, \sigma_k^2 + q_k^2 (s_k^{\mathsf T} \xi)^2)`
+    with :math:`\xi` the motion theta or its twist, `d2d.rigid.logarithm`.  Its density multiplies
+    the target's inlier density only.  The variance may grow: :math:`s_k^{\mathsf T} \xi` is the
+    slope in an input of deviation :math:`q_k` (for Doppler velocities the azimuth, thesis 7.1).
 
     Parameters
     ----------
     value : (..., K) array
-        Measured values zₖ.  All magnitudes are at most 1e20.
+        Measured values :math:`z_k`.  All magnitudes are at most 1e20.
     sigma, sigma_input : arrays that broadcast to (..., K)
         Standard deviations of the measurement, at least 1e-20, and of its input (not negative).
     gain, slope : (..., K, P) arrays
-        hₖ and sₖ.
+        :math:`h_k` and :math:`s_k`.
     of_twist : bool
-        Whether ξ is the twist of the motion (2D only) instead of its parameters.
+        Whether :math:`\xi` is the twist of the motion (2D only) instead of its parameters.
     """
 
     value: Array

@@ -43,7 +43,7 @@ class _Layout(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PointSet(Frozen):
-    """Gaussian targets N(μₖ, Σₖ) with mixture weights, or a batch of such sets.
+    r"""Gaussian targets :math:`\mathcal N(\mu_k, \Sigma_k)` with weights, or a batch of such sets.
 
     Leading axes are batch axes and broadcast against each other.
 
@@ -121,13 +121,13 @@ class PointSet(Frozen):
         sigma_range: ArrayLike,
         sigma_azimuth: ArrayLike,
     ) -> "PointSet":
-        """Targets measured in polar coordinates, with first-order covariances.
+        r"""Targets measured in polar coordinates, with first-order covariances.
 
-        The covariance is J diag(σ_r², σ_φ²) Jᵀ with J = d(x, y)/d(r, φ) at the
-        measured point (thesis eq. 7.3 and 7.4, the columns of J in the order of the variances).
+        These are :math:`J \operatorname{diag}(\sigma_r^2, \sigma_\phi^2)\, J^{\mathsf T}` with the
+        derivative J of a position by its range and azimuth (thesis eq. 7.3, 7.4; columns swapped).
 
         The ranges (..., N) in m are positive, the azimuths (..., N) in rad are measured
-        counter-clockwise from the x axis, within -2 pi and 2 pi.  Their standard deviations are
+        counter-clockwise from the x axis, within −2π and 2π.  Their standard deviations are
         positive and broadcast to (..., N).  Targets more than 150 times as long as wide make the
         covariance of a rotation too small, see `propagate_covariance`.
         """
@@ -226,7 +226,7 @@ class PointSet(Frozen):
         )
 
     def transformed(self, theta: ArrayLike) -> "PointSet":
-        """The set moved by theta (..., P): R μₖ + t and R Σₖ Rᵀ."""
+        r"""Sets moved by theta (..., P): :math:`R \mu_k + t`, :math:`R \Sigma_k R^{\mathsf T}`."""
         return PointSet._of(
             rigid.transform_means(theta, self.means),
             rigid.transform_covariances(theta, self.covariances),

@@ -62,7 +62,7 @@ def register(
     cost : RegistrationCost, optional
         By default, the D2D likelihood without an outlier component.
     initial : (..., P) array, optional
-        Start or starts, with angles in rad within -2 pi and 2 pi; zeros by default.
+        Start or starts, with angles in rad within −2π and 2π; zeros by default.
     scales : sequence of positive numbers
         All standard deviations are multiplied by each scale in turn, and each optimum is the start
         of the next (Jian & Vemuri 2011).  The last, usually 1, is that of the result, whose cost is
@@ -182,7 +182,7 @@ def start_grid(reach: float, spacing: float, angles: ArrayLike = (0.0,)) -> Arra
     """Starts (S, 3) for `multi_start`: a square grid of translations, each with every rotation.
 
     The grid extends from -reach to reach along x and y, in steps of at most ``spacing``, both in m;
-    the ``angles`` (A,) in rad are within -2 pi and 2 pi.  Raises a ``ValueError`` if there would be
+    the ``angles`` (A,) in rad are within −2π and 2π.  Raises a ``ValueError`` if there would be
     more than ten million starts.
     """
     span = check_positive_scalar("reach", reach)

@@ -1,7 +1,7 @@
 """Rigid motions of the line and the plane, applied to means and covariances.
 
 A motion is given by its parameter vector, ``[t_x]`` (m) in 1D or ``[t_x, t_y, phi_z]`` (m, m, rad)
-in 2D, with ``T(m) = R(phi_z) m + t``.  All functions broadcast over leading batch axes.
+in 2D, with :math:`T(m) = R m + t`.  All functions broadcast over leading batch axes.
 """
 
 import numpy as np
@@ -23,7 +23,7 @@ def motion(name: str, theta: ArrayLike, dimension: int) -> Array:
 
 
 def start(name: str, theta: ArrayLike, dimension: int) -> Array:
-    """The parameters (..., P) of a `motion` whose angle is in rad, within -2 pi and 2 pi."""
+    """The parameters (..., P) of a `motion` whose angle is in rad, within −2π and 2π."""
     parameters = motion(name, theta, dimension)
     if dimension == 2 and parameters.ndim == 1:  # the common case, in half the time
         ANGLE.number(name, parameters.item(2))
@@ -46,7 +46,7 @@ def rotation(angle: ArrayLike) -> Array:
 
 
 def transform_means(theta: ArrayLike, means: ArrayLike) -> Array:
-    """Move points (..., N, D) by theta (..., P): T(m) = R m + t (thesis eq. 7.2, t = v tau)."""
+    """Move points (..., N, D) by theta (..., P): :math:`T(m) = R m + t` (thesis eq. 7.2)."""
     points = check_finite("means", means, "(..., N, 1)", "(..., N, 2)")
     parameters = motion("theta", theta, points.shape[-1])
     broadcast_batches("theta and means", parameters.shape[:-1], points.shape[:-2])
@@ -57,7 +57,7 @@ def transform_means(theta: ArrayLike, means: ArrayLike) -> Array:
 
 
 def transform_covariances(theta: ArrayLike, covariances: ArrayLike) -> Array:
-    """Rotate covariances (..., N, D, D) by theta (..., P): R Σ Rᵀ."""
+    r"""Rotate covariances (..., N, D, D) by theta (..., P): :math:`R \Sigma R^{\mathsf T}`."""
     matrices = check_finite("covariances", covariances, "(..., N, 1, 1)", "(..., N, 2, 2)")
     parameters = motion("theta", theta, matrices.shape[-1])
     broadcast_batches("theta and covariances", parameters.shape[:-1], matrices.shape[:-3])
@@ -89,9 +89,9 @@ def inverse(theta: ArrayLike) -> Array:
 
 
 def exponential(twist: ArrayLike) -> Array:
-    """The motion (..., 3) after unit time at constant body velocity ``twist`` [v_x, v_y, omega].
+    r"""The motion (..., 3) after unit time at constant body velocity ``twist`` [v_x, v_y, omega].
 
-    SE(2): t = V(omega) v with V = [[sin w / w, -(1 - cos w) / w], [(1 - cos w) / w, sin w / w]].
+    With E that turns by 90°, :math:`t = (\sin(\omega)\, v + (1 - \cos\omega)\, E v) / \omega`.
     """
     return exponential_derivatives(twist)[0]
 

@@ -30,14 +30,14 @@ def sandwich_covariance(
     measurement: LinearMeasurement | None = None,
     groups: ArrayLike | None = None,
 ) -> Array:
-    """Covariance of the optimum from the scatter of the targets' scores (Huber 1967, Godambe 1960).
+    r"""Covariance of an optimum from the scatter of the targets' scores (Huber 1967, Godambe 1960).
 
-    A second opinion, which needs neither the targets' covariances nor their independence::
+    A second opinion, which needs neither the targets' covariances nor their independence,
 
-        Σ_θ = H⁻¹ (∑ₖₗ κₖₗ sₖ sₗᵀ) H⁻¹
+    .. math:: \Sigma_\theta = H^{-1} \Bigl(\sum_{kl} \kappa_{kl}\, s_k s_l^{\mathsf T}\Bigr) H^{-1},
 
-    with the score sₖ, the gradient of target k's part of the cost, and κₖₗ = 1 for targets
-    of one group, whose errors are correlated, else 0.
+    with the score :math:`s_k`, the gradient of target k's part of the cost, and
+    :math:`\kappa_{kl} = 1` for targets of one group, whose errors are correlated, else 0.
 
     The covariance (..., P, P) of ``theta`` is nan where the estimate did not converge.  It is the
     inverse Hessian unless the scores clearly contradict that.  Raises a ``ValueError`` if the
@@ -128,19 +128,19 @@ def _labels(moving: PointSet, bound: Bound, groups: ArrayLike | None) -> NDArray
 
 
 def godambe(scores: Array, hessians: Array, labels: NDArray[Any]) -> Array:
-    """H⁻¹ (∑ₖₗ κₖₗ sₖ sₗᵀ) H⁻¹ (P, P) of scores (K, P) and Hessians (K, P, P).
+    r"""The covariance (P, P) of `sandwich_covariance` from scores (K, P) and Hessians (K, P, P).
 
-    Targets with the same label (K,) have κₖₗ = 1, others 0.  All is computed in parameters in
-    which H = ∑ₖ Hₖ, which must be positive definite, is the identity.
+    Targets with the same label (K,) have :math:`\kappa_{kl} = 1`, others 0.  All is computed in
+    parameters in which :math:`H = \sum_k H_k`, which must be positive definite, is the identity.
 
     - Each score is replaced by the Newton step of the optimum when the target's group is left out,
-      (I - ∑ₗ κₖₗ Hₗ)⁻¹ sₖ: the jackknife that leaves out one group at a time (CR3).
+      :math:`(I - \sum_l \kappa_{kl} H_l)^{-1} s_k`: the jackknife that leaves out a group (CR3).
       With the root of that matrix instead, the result W is right on average wherever the inverse
       Hessian is (CR2, Bell & McCaffrey 2002).
-    - The part of the deviation W - I that chance explains is removed by the factor
-      ``(1 - c^2 / |W - I|^2)_+`` (James & Stein 1961).  Here c is twice the standard deviation of W
-      of as many independent groups as the targets are worth, n = 1 / ∑ₖₗ bₖ bₗ κₖₗ, with
-      their information bₖ = tr(H⁻¹ Hₖ) / P.
+    - The part of the deviation :math:`W - I` that chance explains is removed by the factor
+      :math:`(1 - c^2 / \|W - I\|^2)_+` (James & Stein 1961), with c twice the standard deviation
+      of W of :math:`1 / \sum_{kl} b_k b_l \kappa_{kl}` groups, which the targets are worth with
+      their information :math:`b_k = \operatorname{tr}(H^{-1} H_k) / P`.
     """
     p = scores.shape[-1]
     group = np.unique(labels, return_inverse=True)[1]

@@ -86,10 +86,10 @@ def whiten(
 
 
 def log_score(errors: ArrayLike, covariances: ArrayLike) -> Array:
-    """The logarithmic score: negative log density of each error under its stated covariance.
+    r"""The logarithmic score: negative log density of each error under its stated covariance.
 
-    That is -log N(e | 0, Σ) (N,) in nats; smaller is better.  Another unit of the errors only
-    adds a constant.  `Whitened.log_score` has what each component contributes.
+    That is :math:`-\log \mathcal N(e \mid 0, \Sigma)` (N,) in nats; smaller is better.  Another
+    unit of the errors adds a constant.  `Whitened.log_score` has the part of each component.
 
     The errors and covariances are those of `whiten`.
 
@@ -107,15 +107,15 @@ def log_score(errors: ArrayLike, covariances: ArrayLike) -> Array:
 
 
 def crps(errors: ArrayLike, sigmas: ArrayLike) -> Array:
-    """Continuous ranked probability score of a Gaussian in one dimension, in the errors' unit.
+    r"""Continuous ranked probability score of a Gaussian in one dimension, in the errors' unit.
 
     The errors, estimate minus truth, and the stated standard deviations, positive, broadcast to the
-    shape (...) of the scores.  Smaller is better; 0.234 sigma for an error of zero, and about
-    ``|e| - 0.564 sigma`` for a large one.
+    shape (...) of the scores.  Smaller is better: :math:`0.234\,\sigma` for an error of zero, and
+    about :math:`|e| - 0.564\,\sigma` for a large one.
 
-    In closed form with z = e / sigma (Gneiting & Raftery 2007, sec. 4.2)::
+    In closed form with :math:`z = e/\sigma` it is (Gneiting & Raftery 2007, sec. 4.2)
 
-        sigma (z (2 Phi(z) - 1) + 2 phi(z) - 1 / sqrt(pi))
+    .. math:: \sigma \bigl(z\,(2\Phi(z) - 1) + 2\varphi(z) - 1/\sqrt{\pi}\bigr).
     """
     e, s = check_finite("errors", errors), check_positive("sigmas", sigmas)
     z = e / s

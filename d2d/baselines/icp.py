@@ -36,12 +36,12 @@ class IcpResult:
 
 
 def fit_rigid(fixed: ArrayLike, moving: ArrayLike) -> Array:
-    """The rigid motion that minimises the squared distances between paired points.
+    r"""The rigid motion that minimises the squared distances between paired points.
 
-    Minimises ∑ₙ ‖R mₙ + t - fₙ‖² in closed form.  With the centred points f', m' and the
-    singular value decomposition ∑ₙ m'_n f'_nᵀ = U S Vᵀ, R = V diag(1, det(V Uᵀ)) Uᵀ and
-    t = mean(f) - R mean(m) (Arun et al. 1987; the determinant, from Umeyama 1991, excludes
-    reflections).
+    Minimises :math:`\sum_n \|R m_n + t - f_n\|^2` in closed form: with the singular value
+    decomposition :math:`\sum_n m'_n f_n'^{\mathsf T} = U S V^{\mathsf T}` of centred points it is
+    :math:`R = V \operatorname{diag}(1, \det(V U^{\mathsf T}))\, U^{\mathsf T}` (Arun et al. 1987;
+    the determinant, from Umeyama 1991, excludes reflections).
 
     The points (..., N, 2) in m with the same index are paired; batch axes broadcast.  The motion
     (..., 3) in m, m, rad maps ``moving`` onto ``fixed``.

@@ -36,14 +36,14 @@ def grid_cells(
     min_points: int = MIN_POINTS,
     smallest_ratio: float = SMALLEST_RATIO,
 ) -> PointSet:
-    """One Gaussian for every grid cell that contains enough points (thesis eq. 3.4, 3.5).
+    r"""One Gaussian for every grid cell that contains enough points (thesis eq. 3.4, 3.5).
 
     The cells of the points (N, 2), squares of ``size`` m on a grid whose origin is shifted by so
     many cells, are sorted by columns, then rows.  Those with fewer than ``min_points`` are left
     out.  The smaller eigenvalue of a covariance is raised to at least ``smallest_ratio`` times the
     larger, so that the covariance of collinear points is not singular.  The weights
-    sqrt(det(2π Σ)) make each component peak at 1, like the score of Biber & Strasser.
-    Raises a ``ValueError`` if no cell contains enough points.
+    :math:`\sqrt{\det(2\pi\Sigma)}` make each component peak at 1, like the score of Biber &
+    Strasser.  Raises a ``ValueError`` if no cell contains enough points.
     """
     cells = _cells(check_points("points", points, 2), size, shift, min_points, smallest_ratio)
     return _peaking_at_one(*cells)
@@ -74,12 +74,12 @@ def ndt_p2d(
     size: float = CELL_SIZE,
     shifts: Sequence[Sequence[float]] = FOUR_GRIDS,
 ) -> Estimate:
-    """Register points with the NDT of the fixed ones (Biber & Strasser 2003; thesis eq. 3.6, 3.7).
+    r"""Register points with the NDT of the fixed ones (Biber & Strasser 2003; thesis eq. 3.6, 3.7).
 
-    Maximises ∑ₖ ∑ᵢ exp(-1/2 dₖᵢᵀ Σᵢ⁻¹ dₖᵢ) over the motion, dₖᵢ = T(mₖ) - μᵢ, by
-    Newton's method on its negative logarithm.  The sum is over all cells, whereas the paper takes
-    only the cell that contains T(mₖ); without that restriction the score is smooth, and its
-    derivatives are exact.
+    Maximises :math:`\sum_{ki} \exp(-\tfrac12 d_{ki}^{\mathsf T} \Sigma_i^{-1} d_{ki})` over the
+    motion, :math:`d_{ki} = T(m_k) - \mu_i`, by Newton's method on its negative logarithm.  The
+    paper takes only the cell that contains :math:`T(m_k)` instead of all; without that restriction
+    the score is smooth, and its derivatives are exact.
 
     The points (N, 2) and (M, 2) are in m, ``size`` and ``shifts`` are those of `pooled_cells`, and
     the start or starts ``initial`` (..., 3) are zeros by default.  The ``covariance`` of the result
@@ -98,13 +98,13 @@ def ndt_d2d(
     size: float = CELL_SIZE,
     d2: float = D2,
 ) -> Estimate:
-    """Register the NDT of the moving points with that of the fixed ones (Stoyanov et al. 2012).
+    r"""Register the NDT of the moving points with that of the fixed ones (Stoyanov et al. 2012).
 
-    Maximises ∑ₖ ∑ᵢ N(0 | dₖᵢ, Sₖᵢ / d2), Sₖᵢ = R Σₖ Rᵀ + Σᵢ: the inner product
-    of the two mixtures, the only part of the L2 distance that depends on the motion.  A ``d2``
-    below 1 widens all pairs by the same factor; public implementations use 0.05.  They also leave
-    out the normalisation of the densities, which is kept here because it is part of the inner
-    product.  Each scan has one grid, without shifts.
+    Maximises :math:`\sum_{ki} \mathcal N(0 \mid d_{ki}, S_{ki} / d_2)`,
+    :math:`S_{ki} = R \Sigma_k R^{\mathsf T} + \Sigma_i`: the inner product of the two mixtures, the
+    only part of the L2 distance that depends on the motion.  A ``d2`` below 1 widens all pairs by
+    the same factor; public implementations use 0.05.  They also leave out the normalisation of the
+    densities, which is a part of the inner product.  Each scan has one grid, without shifts.
 
     The other arguments are those of `ndt_p2d`; here, too, the ``covariance`` is not that of the
     error.

@@ -26,9 +26,9 @@ _MIN_RATIO = 1e-3  # of a singular value to the largest, for an observable direc
 
 
 def sensor_velocity(scan: RadarScan, mounting: Mounting) -> Array:
-    """Velocity (2,) of the sensor along the vehicle's axes, in m/s.
+    r"""Velocity (2,) of the sensor along the vehicle's axes, in m/s.
 
-    Static targets lie on the curve v = -(u_x cos phi + u_y sin phi).  Every pair of targets from a
+    Static targets lie on :math:`v = -(u_x \cos\phi + u_y \sin\phi)`.  Every pair of targets of a
     fixed set (random in Kellner et al. 2013) gives a hypothesis of u; the one that most targets
     agree with, or if none do, all targets, are fitted by weighted least squares.  A component that
     is not observable is zero.
@@ -103,11 +103,11 @@ class DopplerMotion(NamedTuple):
 
 
 def doppler_ego_motion(views: Iterable[View], *, side_slip: bool = True) -> DopplerMotion:
-    """The vehicle's velocity from the Doppler velocities of one or several sensors.
+    r"""The vehicle's velocity from the Doppler velocities of one or several sensors.
 
-    The static targets of each scan are found as in `sensor_velocity`.  Weighted least squares fits
-    Vₖ = hₖᵀ θ with the variance σ_v² + σ_φ² (dV/dφ)² to all of them.  Each fit
-    determines the weights of the next, and its targets: those within three standard deviations.
+    Static targets are found by `sensor_velocity`, and :math:`V_k = h_k^{\mathsf T} \theta` fitted
+    to them with the variances :math:`\sigma_v^2 + \sigma_\phi^2 (\partial V/\partial\phi)^2`.  Each
+    fit gives the weights of the next, and its targets: those within three standard deviations.
     Sensors at different positions make the yaw rate observable (Kellner et al. 2014).  Raises a
     ``ValueError`` if an argument is of another kind, or ``views`` is empty.
 

@@ -24,14 +24,14 @@ def estimate_ego_motion(
     initial: ArrayLike | None = None,
     **options: Unpack[EstimationOptions],
 ) -> Estimate:
-    """The vehicle's velocity between two scans of one sensor, or that of several pairs of scans.
+    r"""The vehicle's velocity between two scans of one sensor, or that of several pairs of scans.
 
     Registers the current scan with the previous one by the D2D likelihood.  With ``doppler``, each
     target's inlier density is multiplied by the density of its Doppler velocity before the outlier
-    component is added, ∏ₖ ((1 - α) inlier_k Doppler_k + α outlier_k) (thesis
-    eq. 7.14).  Several pairs, of several sensors or over several baselines, have one velocity: the
-    sum of their costs is minimised.  The velocity is assumed constant from the first scan to the
-    last, so that over the interval tau of a pair the vehicle moves by exp(tau theta).
+    component is added, :math:`\prod_k ((1 - \alpha)\, q_k p_k + \alpha\, o_k)` (thesis eq. 7.14).
+    Several pairs, of several sensors or over several baselines, have one velocity: the sum of their
+    costs is minimised.  The velocity is assumed constant from the first scan to the last, so that
+    over the interval tau of a pair the vehicle moves by exp(tau theta).
 
     The estimate's theta is [v_x, v_y, omega] in m/s, m/s, rad/s.  ``converged`` means that it is an
     optimum, possibly one that rejects nearly all targets: `inlier_probabilities` shows this, and

@@ -112,7 +112,7 @@ class Recording:
 
 @dataclass(frozen=True)
 class SlipLaw(Bounded):
-    """The lateral velocity in a steady bend, v_y = (ahead - compliance v_x²) omega.
+    r"""The lateral velocity in a steady bend, :math:`v_y = (ahead - compliance\, v_x^2)\, \omega`.
 
     The rear axle, which the vehicle frame's origin is ``ahead`` of (m), slips by the angle
     -``compliance`` (s²/m) v_x omega (linear single-track model: Riekert & Schunck 1940).

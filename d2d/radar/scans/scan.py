@@ -395,9 +395,9 @@ def _gradients(cosine: Array, sine: Array, mounting: Mounting) -> tuple[Array, A
 
 
 def doppler_velocity(theta: ArrayLike, azimuth: ArrayLike, mounting: Mounting) -> Array:
-    """Doppler velocities (..., K) in m/s of static targets, positive if they recede.
+    r"""Doppler velocities (..., K) in m/s of static targets, positive if they recede.
 
-    V = -(v_x - omega y_s) cos(phi + alpha_s) - (v_y + omega x_s) sin(phi + alpha_s) (thesis
+    :math:`-(v_x - \omega y_s) \cos(\phi+\alpha_s) - (v_y + \omega x_s) \sin(\phi+\alpha_s)` (thesis
     eq. 7.10; Barjenbruch et al. 2015), with ``theta`` (..., 3) = [v_x, v_y, omega] in m/s, m/s,
     rad/s of the vehicle, and the ``azimuth`` phi (..., K) in rad of the sensor.
     """

@@ -15,7 +15,7 @@ class FilterInput(NamedTuple):
     With the true velocity v and acceleration a of the vehicle at the estimate's time, in the
     vehicle frame (v' = a), and with the slow errors s of S sensors,
 
-        velocity = v + (delay - lag s_lag) a + slow s + white noise
+        velocity = v + (delay − lag s_lag) a + slow s + white noise
 
     The 2 S + 3 slow errors s, each in units of its standard deviation in the budget, are the
     azimuth errors of all sensors in the order of the `Tracker`, then their Doppler errors, the

@@ -1,9 +1,9 @@
-"""The four textbook update rules for nonlinear least squares, and drivers that record the path.
+r"""The four textbook update rules for nonlinear least squares, and drivers that record the path.
 
 With residuals f(x) of shape (m,), their Jacobian J (m, n) and the cost F = f'f / 2, the gradient is
-Jᵀf and the Hessian JᵀJ + ∑ᵢ fᵢ d2f_i.  Each rule returns the step that is added to x.  (Thesis
-sec. 5.1 subtracts the negative gradient, which goes uphill; its table has H'f for the curvature and
-lacks a transpose in the last line.)
+:math:`J^{\mathsf T} f` and the Hessian :math:`J^{\mathsf T} J + \sum_i f_i \nabla^2 f_i`.  Each
+rule returns the step that is added to x.  (Thesis sec. 5.1 subtracts the negative gradient, which
+goes uphill; its table has H'f for the curvature and lacks a transpose in the last line.)
 """
 
 from collections.abc import Callable
@@ -27,7 +27,7 @@ class LeastSquares(Protocol):
         """J(x) of shape (m, n)."""
 
     def curvature(self, x: Array) -> Array:
-        """The second part of the Hessian, ∑ᵢ fᵢ d2f_i, of shape (n, n); only Newton uses it."""
+        r"""The Hessian's part :math:`\sum_i f_i \nabla^2 f_i` (n, n), which only Newton uses."""
 
 
 Step = Callable[[LeastSquares, Array], Array]
@@ -40,29 +40,29 @@ def cost(problem: LeastSquares, x: Array) -> float:
 
 
 def gradient(problem: LeastSquares, x: Array) -> Array:
-    """Jᵀf."""
+    r"""The gradient :math:`J^{\mathsf T} f` of the cost."""
     return problem.jacobian(x).T @ problem.residuals(x)
 
 
 def gradient_descent(rate: float) -> Step:
-    """Step -eta Jᵀf with a fixed rate eta."""
+    r"""Step :math:`-\eta J^{\mathsf T} f` with a fixed rate :math:`\eta`."""
     return lambda problem, x: -rate * gradient(problem, x)
 
 
 def newton(problem: LeastSquares, x: Array) -> Array:
-    """Solve (JᵀJ + ∑ᵢ fᵢ d2f_i) step = -Jᵀf; may also converge to a saddle or a maximum."""
+    r"""Solve :math:`H \delta = -J^{\mathsf T} f`; may also converge to a saddle or a maximum."""
     j = problem.jacobian(x)
     return _solve(j.T @ j + problem.curvature(x), -gradient(problem, x))
 
 
 def levenberg_marquardt(problem: LeastSquares, x: Array, damping: float) -> Array:
-    """Solve (JᵀJ + lambda I) step = -Jᵀf: a short gradient-descent step for large lambda."""
+    r"""Solve :math:`(J^{\mathsf T} J + \lambda I)\, \delta = -J^{\mathsf T} f`."""
     j = problem.jacobian(x)
     return _solve(j.T @ j + damping * np.eye(len(x)), -gradient(problem, x))
 
 
 def gauss_newton(problem: LeastSquares, x: Array) -> Array:
-    """Solve JᵀJ step = -Jᵀf: Newton without the curvature of the residuals."""
+    r"""Solve :math:`J^{\mathsf T} J \delta = -J^{\mathsf T} f`, Newton without the second part."""
     return levenberg_marquardt(problem, x, 0.0)
 
 

@@ -20,7 +20,7 @@ _LEAST_VARIANCE = 1e-150  # of observations that are all zero; its square does n
 
 
 def log_density(x: ArrayLike, mean: ArrayLike, covariance: ArrayLike) -> Array:
-    """log N(x | μ, Σ), the logarithm of thesis eq. 2.7 (Bishop 2006, eq. 2.43).
+    r""":math:`\log \mathcal N(x \mid \mu, \Sigma)` (thesis eq. 2.7, Bishop 2006, eq. 2.43).
 
     The arrays x and mean (..., D) and covariance (..., D, D) broadcast.
     """
@@ -32,7 +32,7 @@ def log_density(x: ArrayLike, mean: ArrayLike, covariance: ArrayLike) -> Array:
 
 
 def density(x: ArrayLike, mean: ArrayLike, covariance: ArrayLike) -> Array:
-    """N(x | μ, Σ) (...); arguments as for `log_density`."""
+    r""":math:`\mathcal N(x \mid \mu, \Sigma)` (...); arguments as for `log_density`."""
     return np.exp(log_density(x, mean, covariance))
 
 
@@ -59,7 +59,7 @@ def confidence_ellipse(covariance: ArrayLike, confidence: float = 0.95) -> Ellip
 
 @dataclass(frozen=True, eq=False)
 class GaussianMixture(Frozen):
-    """p(x) = ∑ₖ wₖ N(x | μₖ, Σₖ) (thesis eq. 2.8, Bishop 2006, eq. 9.7).
+    r""":math:`p(x) = \sum_k w_k\, \mathcal N(x \mid \mu_k, \Sigma_k)` (Bishop 2006, eq. 9.7).
 
     Weights (K,) with the sum 1, means (K, D) and covariances (K, D, D).
     """
@@ -85,7 +85,7 @@ class GaussianMixture(Frozen):
         return int(k - 1 + k * d + k * d * (d + 1) // 2)
 
     def log_components(self, x: ArrayLike) -> Array:
-        """log wₖ N(x | μₖ, Σₖ) (..., K) at x (..., D); -inf for a weight of zero."""
+        r""":math:`\log w_k \mathcal N(x \mid \mu_k, \Sigma_k)` (..., K); −inf for a weight of 0."""
         with np.errstate(divide="ignore"):
             log_weights = np.log(self.weights)
         points = np.asarray(x)[..., None, :]
@@ -100,7 +100,7 @@ class GaussianMixture(Frozen):
         return np.exp(self.log_pdf(x))
 
     def responsibilities(self, x: ArrayLike) -> Array:
-        """zₖ (..., K), the probability that component k drew x (Bishop 2006, eq. 9.13)."""
+        """:math:`z_k` (..., K), the probability that component k drew x (Bishop 2006, eq. 9.13)."""
         logs = self.log_components(x)
         return np.asarray(np.exp(logs - np.logaddexp.reduce(logs, axis=-1, keepdims=True)))
 
@@ -131,10 +131,10 @@ class MixtureFit(NamedTuple):
 
 
 def variance_floor(x: ArrayLike) -> float:
-    """The smallest variance that `fit_mixture` gives a component of the observations x (N, D).
+    r"""The smallest variance that `fit_mixture` gives a component of the observations x (N, D).
 
-    ``(1e-5 s)^2`` with their root mean variance s, or what rounding leaves.  Without it a component
-    could shrink onto one observation, without bound (Bishop 2006, sec. 9.2.1).
+    :math:`(10^{-5} s)^2` with their root mean variance s, or what rounding leaves.  Without it a
+    component could shrink onto one observation, without bound (Bishop 2006, sec. 9.2.1).
     """
     points = np.asarray(x, dtype=np.float64)
     rounding = 4.0 * np.finfo(np.float64).eps * np.abs(points).max()
