@@ -6,7 +6,6 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.colors import to_rgba_array
 from matplotlib.figure import Figure
-from matplotlib.patheffects import withStroke
 
 from d2d._types import Array
 from d2d.point_set import PointSet
@@ -35,15 +34,15 @@ def em_frame(
         components = PointSet(mixture.means, mixture.covariances)
         ellipses(plane, components, sigmas, edgecolor=colours, linewidth=1.8)
     for mean, weight in zip(mixture.means, mixture.weights, strict=True):
-        edge = [withStroke(linewidth=3.0, foreground="white")]
+        box = {"facecolor": "white", "edgecolor": "none", "pad": 1.0, "alpha": 0.9}
         centred = {"ha": "center", "va": "center", "fontweight": "bold"}
-        plane.text(*mean, f"{weight:.2f}", path_effects=edge, **centred)
+        plane.text(*mean, f"{weight:.2f}", bbox=box, **centred)
     reach = [2.1 * np.sqrt(np.diagonal(s.covariances, axis1=1, axis2=2)) for s in steps]
     ends = [s.means + k * each for s, each in zip(steps, reach, strict=True) for k in (-1, 1)]
     low, high = (extreme(np.concatenate([x, *ends]), axis=0) for extreme in (np.min, np.max))
     label_planar_axes(plane)
-    plane.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
+    plane.set(xlim=(low[0] - 0.2, high[0]), ylim=(low[1], high[1] + 0.2))
     curve.plot(log_likelihoods, color=BLACK)
     curve.plot(step, log_likelihoods[step], "o", color=BLACK, ms=7)
-    curve.set(xlabel="step", ylabel="log-\nlikelihood")
+    curve.set(xlabel="step", ylabel="log-\nlikelihood", ymargin=0.2)
     return figure
