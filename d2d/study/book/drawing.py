@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from d2d._types import Array
 from d2d.point_set import PointSet
 from d2d.radar import Mounting, RadarScan
-from d2d.study.book.grammar import BLACK, COSTS, FIXED, GREY, MOVING, OCHRE, set_marks
+from d2d.study.book.grammar import BLACK, FIXED, GREY, MOVING, OCHRE, set_marks
 
 
 def ellipses(ax: Axes, points: PointSet, sigmas: float = 3.0, **style: Any) -> None:
@@ -24,17 +24,14 @@ def ellipses(ax: Axes, points: PointSet, sigmas: float = 3.0, **style: Any) -> N
     ax.add_collection(PolyCollection(list(outline), **settings))
 
 
-def error_bands(
-    ax: Axes, times: Array, errors: Array, sigma: Array, ylabel: str, cost: str = "robust"
-) -> None:
-    """Errors in the band of three standard deviations of a cost; those outside are larger."""
-    color = COSTS[cost].color
+def error_bands(ax: Axes, times: Array, errors: Array, sigma: Array, name: str, color: str) -> None:
+    """Errors in the band of three estimated standard deviations; those outside are larger."""
     ax.fill_between(times, -3.0 * sigma, 3.0 * sigma, color=color, alpha=0.25, lw=0)
     outside = np.abs(errors) > 3.0 * sigma
-    ax.scatter(times, errors, np.where(outside, 9.0, 3.0), np.where(outside, BLACK, GREY), lw=0)
+    ax.scatter(times, errors, np.where(outside, 9.0, 2.5), np.where(outside, BLACK, GREY), lw=0)
     for side in (-3.0, 3.0):
         ax.plot(times, side * sigma, color=color, lw=1.0)
-    ax.set_ylabel(ylabel)
+    ax.set_ylabel(name)
     ax.margins(x=0.0)
 
 

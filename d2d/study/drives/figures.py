@@ -36,7 +36,7 @@ from d2d.study.drives.errors import IN_UNITS, UNITS
 
 SYMBOLS = ("$v_x$", "$v_y$", "ω")
 # Things of the street have colours of their own: parked cars sky, vegetation olive, movers purple.
-COLOURS = dict(zip(KINDS, (BLACK, "#2B83BA", PINK, "#6B8E23", PURPLE, YELLOW), strict=True))
+COLOURS = dict(zip(KINDS, ("0.45", "#2B83BA", PINK, "#6B8E23", PURPLE, YELLOW), strict=True))
 WALL, CAR = "0.85", SKY
 ROBUST = COSTS["robust"].color  # every estimate of a drive is the robust likelihood's
 
@@ -90,10 +90,10 @@ def _arrow(ax: Axes, start: Any, end: Any, color: str, **style: Any) -> None:
     ax.annotate("", end, start, arrowprops=arrow)
 
 
-def platform(ax: Axes, mounting: Mounting, sensor: Sensor) -> None:
-    """The robot's field of view, in m, and in a frame the robot with its radar, enlarged."""
+def platform(axes: NDArray[np.object_], mounting: Mounting, sensor: Sensor) -> None:
+    """The robot with its radar from above, and its field of view, in m."""
+    near, far = axes
     half, reach = np.rad2deg(sensor.field_of_view), sensor.max_range
-    near = ax.inset_axes((0.02, 0.27, 0.33, 0.46))
     for side in (-0.34, 0.34):
         for wheel in (-0.35, 0.0, 0.35):
             corner = (wheel - 0.13, side - 0.06)
@@ -101,16 +101,17 @@ def platform(ax: Axes, mounting: Mounting, sensor: Sensor) -> None:
     near.add_patch(Rectangle((-0.5, -0.27), 0.9, 0.54, facecolor="0.9", edgecolor="0.4"))
     near.plot(mounting.x, mounting.y, "s", color=PURPLE, ms=8)
     label(near, (mounting.x, 0.5), "radar", PURPLE, (-14, 0))
-    label(near, (-0.5, -0.62), "1 m long", GREY, (0, 0))
+    far.plot(0.0, 0.0, "s", color=BLACK, ms=3)
+    label(far, (0.0, 0.0), "robot", BLACK, (-32, -4))
     for tip, name, shift in (((0.3, 0), "$x$", (-6, 4)), ((0, 0.3), "$y$", (-12, -12))):
         _arrow(near, (0, 0), tip, BLACK)
         label(near, tip, name, BLACK, shift)
-    near.set(xlim=(-0.75, 0.85), ylim=(-0.8, 0.8), xticks=[], yticks=[], aspect="equal")
-    for panel in (ax, near):
+    near.set(xlim=(-0.75, 1.05), ylim=(-1.0, 1.0), title="the robot", anchor="N")
+    far.set(xlim=(-19.0, 54.0), ylim=(-36.0, 36.0), title="what its radar sees", anchor="N")
+    for panel in axes:
         _field_of_view(panel, mounting, sensor, length=reach, alpha=0.35)
-    ax.indicate_inset_zoom(near, edgecolor="0.4")
-    label(ax, (0.4 * reach, 0.0), f"{half:.0f}° to either side,\n{reach:g} m far", PURPLE, (0, -5))
-    ax.set(xlim=(-34.0, 52.0), ylim=(-34.0, 34.0), xlabel="x (m)", ylabel="y (m)", aspect="equal")
+        panel.set(xlabel="x (m)", ylabel="y (m)", aspect="equal")
+    label(far, (0.4 * reach, 0.0), f"{half:.0f}° to each side,\n{reach:g} m far", PURPLE, (0, -8))
 
 
 def specification(sensor: Sensor) -> tuple[tuple[str, str, str], ...]:
@@ -162,28 +163,27 @@ def _field_of_view(
 def error_bounds(axes: NDArray[np.object_], judged: Mapping[str, Comparison]) -> None:
     """Draw errors in bands of three stated sigmas, with the share inside: a column a track."""
     for column, (name, found) in zip(axes.T, judged.items(), strict=True):
+        color = GREY if name == "without Doppler" else ROBUST
         for k, (ax, symbol, unit) in enumerate(zip(column, SYMBOLS, UNITS, strict=True)):
             values, sigma = found.errors[:, k] * IN_UNITS[k], found.sigmas[:, k]
-            error_bands(ax, found.times, values, sigma, f"{symbol} ({unit})")
-            ax.set_title(f"{symbol}, {name}")
+            error_bands(ax, found.times, values, sigma, f"{symbol} ({unit})", color)
             ratio = np.abs(values) / sigma
-            inside = f"{100.0 * np.mean(ratio[np.isfinite(ratio)] < 3.0):.0f} % inside"
-            box = {"facecolor": "white", "edgecolor": "none", "pad": 1.5, "alpha": 0.9}
-            place = {"transform": ax.transAxes, "ha": "right", "va": "top", "fontsize": 9}
-            ax.text(0.99, 1.0, inside, bbox=box, **place)
+            inside = 100.0 * np.mean(ratio[np.isfinite(ratio)] < 3.0)
+            ax.set_title(f"{name}: {inside:.0f} % inside")
         column[-1].set_xlabel("time (s)")
 
 
 def rejected_kinds(ax: Axes, shares: Mapping[str, Mapping[str, float]]) -> None:
     """Mark the rejected share of each kind of target, for the named tracks in one row."""
     kinds = list(next(iter(shares.values())))
-    both = np.array([list(share.values()) for share in shares.values()])
-    ax.hlines(range(len(kinds)), both.min(axis=0), both.max(axis=0), color="0.8", lw=2.0)
-    for (name, share), color, mark in zip(shares.items(), (GREY, ROBUST), "os", strict=True):
-        ax.plot(list(share.values()), range(len(kinds)), mark, color=color, ms=7, label=name)
-    ax.set_yticks(range(len(kinds)), kinds)
+    rows = np.arange(len(kinds))
+    for k, (share, color) in enumerate(zip(shares.values(), (GREY, ROBUST), strict=True)):
+        values, places = 100.0 * np.array(list(share.values())), rows + 0.34 * k - 0.17
+        ax.hlines(places, 0.0, values, color=color, lw=1.0)
+        ax.plot(values, places, "os"[k], color=color, ms=6)
+    ax.set_yticks(rows, kinds)
     ax.invert_yaxis()
-    ax.set(xlim=(-0.03, 1.03), xlabel="share rejected", xticks=[0.0, 0.5, 1.0])
+    ax.set(xlim=(0.0, 104.0), xlabel="rejected (%)", xticks=[0, 50, 100])
     ax.grid(axis="y", visible=False)
 
 

@@ -62,22 +62,26 @@ def cost_panels(
     sets: tuple[PointSet, PointSet],
     costs: Mapping[str, RegistrationCost],
     finding: str,
+    seen: Mapping[str, str] = SEEN,
+    zoom: float = 1.0,
 ) -> None:
     """Draw a map of each cost over the translation, and all costs over the rotation in one panel.
 
     There are two figures: for a phone, and as wide as the page.
     """
+    offsets, degrees = OFFSETS / zoom, np.rad2deg(ROTATIONS) / zoom
     for layout, size, high in (("ab;cd", (5.5, 6.2), 1.0), ("abc;ddd", (PAGE, 5.6), 1.5)):
         figure, panels = plt.subplot_mosaic(layout, figsize=size, height_ratios=(high, 1.0))
         *maps, cuts = panels.values()
         for letter, ax, (name, cost) in zip("abc", maps, costs.items(), strict=True):
-            surface = translation_surface(cost, *sets, scenario.theta, OFFSETS)
-            mesh = cost_map(ax, OFFSETS, surface, f"({letter}) {SEEN[name]}")
-            profile = rotation_profile(cost, *sets, scenario.theta, ROTATIONS)
-            above = np.maximum(profile.max() - profile, LOWEST_COST)
-            cuts.plot(np.rad2deg(ROTATIONS), above, **cost_line(name))
             below, look = name == "summing", LOOKS[name]
-            place = -39.0, above[:60].min() if below else above[:60].max()
+            surface = translation_surface(cost, *sets, scenario.theta, offsets)
+            mesh = cost_map(ax, offsets, surface, f"({letter}) {seen[name]}")
+            profile = rotation_profile(cost, *sets, scenario.theta, np.deg2rad(degrees))
+            above = np.maximum(profile.max() - profile, LOWEST_COST)
+            cuts.plot(degrees, above, **cost_line(name))
+            last = slice(220 if name == "likelihood" else 255, None)
+            place = degrees[last][0], above[last].min() if below else above[last].max()
             label(cuts, place, look.name.split()[0], look.color, (0, -11 if below else 2))
         cuts.axvline(0.0, **TRUTH)
         cuts.set(yscale="log", ylim=(LOWEST_COST, 8e3), title="(d) over the rotation")
@@ -112,21 +116,20 @@ def bounds_columns(scenario: Scenario, names: Sequence[str], finding: str) -> No
     limits = 6.5 * np.max([np.nanmedian(s, axis=0) for s in sigmas], axis=0)
     for size in ((5.5, 5.9), (PAGE, 4.6)):
         figure, axes = plt.subplots(3, len(names), sharex=True, sharey="row", figsize=size)
-        for column, name, result, sigma in zip(axes.T, names, results, sigmas, strict=True):
+        columns = zip(axes.T, "abc", names, results, sigmas, strict=False)
+        for column, letter, name, result, sigma in columns:
+            column[0].set_title(f"({letter}) {LOOKS[name].name}")
             errors = result.errors * IN_LABEL_UNITS
             for k, ax in enumerate(column):
                 ax.set_ylim(-limits[k], limits[k])
                 order = np.argsort(sigma[:200, k])
                 shown = errors[order, k], sigma[order, k]
-                error_bands(ax, np.arange(200.0), *shown, LABELS[k], name)
+                error_bands(ax, np.arange(200.0), *shown, LABELS[k], LOOKS[name].color)
                 ratio = np.nanmedian(sigma[:, k]) / rms(errors[:, k])
-                stated = f"stated {ratio:.1f} × actual"
-                ax.text(5.0, 0.84 * limits[k], stated, fontsize=9, va="center")
+                ax.text(5.0, 0.78 * limits[k], f"stated {ratio:.1f} × actual", fontsize=9)
                 ax.set_xlabel("run, by its stated σ")
                 ax.label_outer()
         headline(figure, finding)
-        for letter, ax, name in zip("abc", axes[0], names, strict=False):
-            ax.set_title(f"({letter}) {LOOKS[name].name}")
 
 
 def credibility_columns(scenario: Scenario, names: Sequence[str], finding: str) -> None:
@@ -177,9 +180,9 @@ def credibility_ratios(ax: Axes, scenario: Scenario, names: Sequence[str]) -> No
 
 
 def planar_scene(
-    ax: Axes, scenario: Scenario, fixed: PointSet, moving: PointSet, *, bounds: bool = True
+    ax: Axes, scenario: Scenario, fixed: PointSet, moving: PointSet, *, sigmas: float = 3.0
 ) -> None:
-    """Both scans of a scene, each in its own frame, with 3-sigma ellipses unless not ``bounds``.
+    """Both scans of a scene, each in its own frame, with ellipses of so many standard deviations.
 
     A thin line joins what both scans see of a target.  A ring marks each outlier: thin if it is
     close to a target, thick if it is far from all.
@@ -190,14 +193,13 @@ def planar_scene(
         (fixed, scenario.outliers_fixed, "fixed", "previous F"),
         (moving, scenario.outliers_moving, "moving", "current M"),
     ):
-        if bounds:
-            ellipses(ax, points, edgecolor=SETS[name].color)
+        ellipses(ax, points, sigmas, edgecolor=SETS[name].color)
         ax.plot(*points.means.T, **set_marks(name) | {"ms": 4, "label": words})
-        far = np.hypot(*outliers.T) > FAR
+        seen, far = points.means[len(scenario.targets) :], np.hypot(*outliers.T) > FAR
         for mask, width, kind in ((~far, 1.2, "close"), (far, 2.8, "far")):
             if mask.any():
                 named = {"label": f"{kind} outlier"} if name == "fixed" else {"label": None}
-                ax.plot(*outliers[mask].T, **set_marks("outlier") | {"mew": width} | named)
+                ax.plot(*seen[mask].T, **set_marks("outlier") | {"mew": width} | named)
     ax.plot(0.0, 0.0, "D", color=BLACK, mfc="none", label="sensor")
     label_planar_axes(ax)
 
@@ -212,10 +214,11 @@ def cost_map(ax: Axes, offsets: Array, log_values: Array, title: str = "") -> Qu
     mesh = ax.pcolormesh(offsets, offsets, above, rasterized=True, **settings)
     lines = ax.contour(offsets, offsets, above, LEVELS, colors="white", linewidths=0.7)
     spans = [[np.ptp(line) for line in level if line.size] for level in lines.allsegs]
-    long = [max(each, default=0.0) > 3.5 for each in spans]
+    long = [max(each, default=0.0) > 0.22 * np.ptp(offsets) for each in spans]
     ax.clabel(lines, np.asarray(lines.levels)[long], fontsize=9)
     ax.grid(False)
-    ax.set(aspect="equal", title=title, xticks=[-5, 0, 5], yticks=[-5, 0, 5])
+    ax.set(aspect="equal", title=title)
+    ax.locator_params(nbins=4, steps=[1, 2, 5, 10])
     ax.set_xlabel("$t_x$ − truth (m)")
     spec = ax.get_subplotspec()
     if spec is None or spec.is_first_col():
@@ -235,15 +238,13 @@ def error_shares(
     axes: Sequence[Axes],
     errors: Mapping[str, Array],
     titles: Sequence[str] = ("translation", "rotation"),
-    styles: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> None:
-    """Draw the share of runs below each error (N, 3); ``styles`` are for names of no cost."""
+    """Draw the share of runs below each error (N, 3) of a cost."""
     for name, of_runs in errors.items():
         distance, turn = distance_and_rotation(of_runs)
         share = 100.0 * np.arange(1, len(of_runs) + 1) / len(of_runs)
-        style = (styles or {}).get(name) or cost_line(name)
         for ax, values in zip(axes, (distance, np.rad2deg(turn)), strict=False):
-            ax.step(np.sort(values), share, where="post", **style)
+            ax.step(np.sort(values), share, where="post", **cost_line(name))
     for ax, title, (unit, limits) in zip(axes, titles, ERROR_LIMITS.items(), strict=False):
         ax.set(xscale="log", xlabel=f"error ({unit})", title=title)
         write_out_ticks(ax.xaxis, (0.01, 0.1, 1, 10))
