@@ -109,7 +109,7 @@ class PageClaims:
 
     def _repr_markdown_(self) -> str:
         return "**What the thesis claims of this, and what came out:**\n\n" + "\n".join(
-            f'- {badge(verdict)} <a href="{LEDGER}#{anchor(claim.id)}">{typeset(claim.text)}</a>'
+            f'- <a href="{LEDGER}#{anchor(claim.id)}">{badge(verdict)}</a> {typeset(claim.text)}'
             for verdict, own in self.verdicts.items()
             for claim in own
         )
