@@ -113,7 +113,7 @@ def every_target(
         highest = max(float(peaks_of_p2d.max()), float(np.exp(logs).max()))
         _rows(ax, translations, np.exp(logs), names, highest)
     ax.axvline(scene.TRUTH, **TRUTH)
-    ax.set(xlabel="$t_x$ (m)", title="targets, −log" if negative_log else "targets")
+    ax.set(xlabel="$t_x$ (m)", title="targets of M, −log" if negative_log else "targets of M")
 
 
 def fused(
