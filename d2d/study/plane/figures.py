@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, QuadMesh
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
+from scipy.ndimage import maximum_filter
 
 from d2d._types import Array
 from d2d.cost import RegistrationCost
@@ -74,13 +75,14 @@ def cost_panels(
         figure, panels = plt.subplot_mosaic(layout, figsize=size, height_ratios=(high, 1.0))
         *maps, cuts = panels.values()
         for letter, ax, (name, cost) in zip("abc", maps, costs.items(), strict=True):
-            below, look = name == "summing", LOOKS[name]
+            below, look = name != "likelihood", LOOKS[name]
             surface = translation_surface(cost, *sets, scenario.theta, offsets)
             mesh = cost_map(ax, offsets, surface, f"({letter}) {seen[name]}")
+            mark_wells(ax, offsets, surface)
             profile = rotation_profile(cost, *sets, scenario.theta, np.deg2rad(degrees))
             above = np.maximum(profile.max() - profile, LOWEST_COST)
             cuts.plot(degrees, above, **cost_line(name))
-            last = slice(220 if name == "likelihood" else 255, None)
+            last = slice(255 if below else 220, None)
             place = degrees[last][0], above[last].min() if below else above[last].max()
             label(cuts, place, look.name.split()[0], look.color, (0, -11 if below else 2))
         cuts.axvline(0.0, **TRUTH)
@@ -225,6 +227,16 @@ def cost_map(ax: Axes, offsets: Array, log_values: Array, title: str = "") -> Qu
         ax.set_ylabel("$t_y$ − truth (m)")
     mark_truth(ax)
     return mesh
+
+
+def mark_wells(ax: Axes, offsets: Array, log_values: Array) -> int:
+    """Number of the minima less than 10 above the lowest; dots mark all but the lowest."""
+    highest = log_values.max()
+    peaks = (log_values == maximum_filter(log_values, 5)) & (log_values > highest - 10.0)
+    inside = np.argwhere(peaks[4:-4, 4:-4]) + 4  # a minimum beside the border may be none
+    others = inside[log_values[tuple(inside.T)] < highest]
+    ax.plot(*offsets[others].T[::-1], "o", color="white", ms=4, mec=BLACK, mew=0.6)
+    return len(inside)
 
 
 def cost_bar(figure: Figure, mesh: QuadMesh, axes: Sequence[Axes]) -> None:
