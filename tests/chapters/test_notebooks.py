@@ -151,7 +151,7 @@ def test_notebook(path: Path):
         assert check(notebook) == [], check.__name__
     if path.stem[0].isdigit():
         number = path.stem.split("_")[0].lstrip("0")
-        assert notebook.cells[0].source.startswith(f"# {number}\u00a0· ")
+        assert notebook.cells[0].source.startswith(f"# {number}\u00a0·\u00a0")
 
 
 def test_figure_names_are_unique_across_the_book():
