@@ -53,7 +53,7 @@ def maps(picture: np.ndarray) -> np.ndarray:
     for label, box in enumerate(ndimage.find_objects(labels), start=1):
         area = labels[box] == label
         several = len(np.unique(shades[box][area])) >= SHADES
-        if area.sum() >= AREA and several and vivid[box][area].mean() >= 0.5:
+        if area.sum() >= AREA and several and vivid[box][area].mean() >= 0.25:
             found[box] |= ndimage.binary_fill_holes(area)
     return found
 
