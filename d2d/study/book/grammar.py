@@ -10,7 +10,7 @@
 - A start is pink.
 - In every map of a cost, or of the density that it belongs to, low cost is dark.
 
-No other artist has the colour of a cost; `tests/study/book/test_grammar.py` checks this.
+No other artist has the colour of a cost.
 """
 
 from typing import Any, NamedTuple
