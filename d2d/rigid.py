@@ -106,7 +106,7 @@ def exponential_derivatives(twist: ArrayLike) -> tuple[Array, Array, Array]:
 
 
 def logarithm(theta: ArrayLike) -> Array:
-    """The twist (..., 3) of a motion: exponential(logarithm(theta)) = theta if ``|phi| < 2 pi``."""
+    """The twist (..., 3) of a motion: exponential(logarithm(theta)) = theta if ``|phi| < 2π``."""
     return logarithm_derivatives(theta)[0]
 
 

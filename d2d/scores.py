@@ -70,7 +70,7 @@ def whiten(
     covariances : (N, n, n) or (n, n) array
         Estimated covariances, symmetric positive definite.
     order : sequence of int, optional
-        A permutation of 0 ... n - 1, which is the default.  For [v_x, v_y, omega], (2, 1, 0) takes
+        A permutation of 0 ... n − 1, which is the default.  For [v_x, v_y, omega], (2, 1, 0) takes
         omega first, then v_y given omega, then v_x given both.
     """
     e, sigma = checked_errors(errors, covariances)

@@ -10,8 +10,8 @@ def fit(x: ArrayLike, weights: ArrayLike | None = None) -> tuple[Array, Array]:
     """Maximum-likelihood mean (..., D) and covariance (..., D, D) (thesis eq. 2.5, 2.6).
 
     The observations x (..., N, D) have weights (..., N), equal by default.  The covariance is
-    divided by the sum of the weights, not by N - 1: with equal weights its expectation is too small
-    by the factor (N - 1) / N.  It is singular where the observations span less than D dimensions.
+    divided by the sum of the weights, not by N − 1: with equal weights its expectation is too small
+    by the factor (N − 1) / N.  It is singular where the observations span less than D dimensions.
     """
     points = np.asarray(x, dtype=np.float64)
     w = np.ones(points.shape[-2]) if weights is None else np.asarray(weights, dtype=np.float64)
@@ -26,13 +26,13 @@ def fit(x: ArrayLike, weights: ArrayLike | None = None) -> tuple[Array, Array]:
 def raise_eigenvalues(
     matrices: ArrayLike, floor: ArrayLike = 0.0, smallest_ratio: float = 0.0
 ) -> Array:
-    """Raise the eigenvalues of symmetric matrices (..., D, D) that lie below a floor to that floor.
+    r"""Raise the eigenvalues of symmetric matrices (..., D, D) that lie below a floor to it.
 
     The floor is ``floor`` (...) or ``smallest_ratio`` times each matrix's largest eigenvalue,
-    whichever is larger.  For an empirical covariance S, the result has the largest likelihood of
-    all covariances without an eigenvalue below ``floor``: ``-log|Sigma| - tr(Sigma^-1 S)`` is
-    largest with the eigenvectors of S, and along each of them ``-log s - lambda / s`` falls beyond
-    s = lambda.
+    whichever is larger.  For an empirical covariance S, the result is the likeliest covariance
+    whose eigenvalues are not below it: :math:`-\log\det\Sigma - \operatorname{tr}(\Sigma^{-1} S)`
+    is largest with the eigenvectors of S, and along each of them :math:`-\log s - \lambda/s` falls
+    beyond :math:`s = \lambda`.
     """
     given, least = (np.asarray(each, dtype=np.float64) for each in (matrices, floor))
     values, vectors = np.linalg.eigh(given)

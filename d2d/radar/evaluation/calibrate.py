@@ -42,7 +42,7 @@ SensorLog = tuple[Iterable[RadarScan], Mounting, Reference]
 class Calibration:
     """The corrections of a reference and of the mountings of S sensors; prints as a table.
 
-    A scan at t shows the motion that the reference gives for t - lag, with its v_x times
+    A scan at t shows the motion that the reference gives for t − lag, with its v_x times
     ``speed_factor``, its yaw rate less ``bias``, and the lateral velocity of ``slip``.
     """
 

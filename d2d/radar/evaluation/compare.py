@@ -285,7 +285,7 @@ def compare_tracks(first: Track, second: Track) -> Comparison:
 
     ``errors`` are first minus second, at the times of ``first``, and ``covariances`` the sums of
     both.  ``second`` is interpolated linearly, unless its estimates are more than twice the usual
-    interval apart, with the covariance ``(1 - w)^2 Sigma_i + w^2 Sigma_j`` of independent errors.
+    interval apart, with the covariance (1 − w)² Σᵢ + w² Σⱼ of independent errors.
     Raises a ``ValueError`` if fewer than four estimates can be compared, as with clocks that
     differ.
     """

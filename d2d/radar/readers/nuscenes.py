@@ -97,7 +97,7 @@ def load_nuscenes(
     version : str
         Name of the folder with the tables, needed only if there are several.
     time_offset : float, s
-        Delay of the radar's time stamps: a scan at t shows the motion at t - time_offset.
+        Delay of the radar's time stamps: a scan at t shows the motion at t − time_offset.
     speed_factor : float or None
         On the speed of the CAN bus.  With None, or without a CAN bus, v_x is the derivative of the
         poses too.

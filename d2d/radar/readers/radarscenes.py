@@ -75,7 +75,7 @@ def load_radarscenes(
     strongest : int, optional
         Keep only this many targets of each scan, those of largest radar cross-section.
     time_offset : float, s
-        Delay of the radar's time stamps: a scan at t shows the motion at t - time_offset.
+        Delay of the radar's time stamps: a scan at t shows the motion at t − time_offset.
     slip : SlipLaw
         Of the lateral velocity, which the odometry has not.
     side_slip : float, s, optional

@@ -14,7 +14,7 @@ class ErrorBudget(Bounded):
 
     They add to the covariance of a track, and a part of them lessens the weight of its Doppler
     velocities.  Raises a ``ValueError`` if a number is negative or above 1000, or the azimuth's
-    above 2 pi.
+    above 2π.
 
     Attributes
     ----------

@@ -64,7 +64,7 @@ class Mounting(Bounded):
 
     The yaw is the direction of the boresight, counter-clockwise from the x axis; a pitch is
     positive if the sensor looks down, a roll, applied before, if its left side is raised (REP 103).
-    Raises a ``ValueError`` if x or y is beyond 100 m, or an angle beyond 2 pi.
+    Raises a ``ValueError`` if x or y is beyond 100 m, or an angle beyond 2π.
     """
 
     x: float = number(0.0, _LEVER)
@@ -97,7 +97,7 @@ class RadarScan(Frozen):
     is by default that of the azimuth.
 
     Raises a ``ValueError`` if a range or standard deviation is not positive or so large or small
-    that no covariance can hold it, an azimuth beyond 2 pi or an elevation beyond a right angle.
+    that no covariance can hold it, an azimuth beyond 2π or an elevation beyond a right angle.
 
     Examples
     --------
@@ -379,7 +379,7 @@ def _direction(scan: RadarScan, mounting: Mounting) -> tuple[Array, Array]:
 
 
 def doppler_gradients(azimuth: Array, mounting: Mounting) -> tuple[Array, Array]:
-    """dV/dtheta and d^2V/(dphi dtheta), each (..., 3), of a static target at ``azimuth`` (...)."""
+    """dV/dθ and d²V/(dφ dθ), each (..., 3), of a static target at ``azimuth`` (...)."""
     angle = azimuth + mounting.yaw
     return _gradients(np.cos(angle), np.sin(angle), mounting)
 

@@ -38,10 +38,10 @@ class VehicleLimits:
     speed : float, m/s
         Of the vehicle frame's origin.
     yaw_rate : float, rad/s
-    acceleration : float, m/s^2
+    acceleration : float, m/s²
         Of v_x and of v_y, from one accepted estimate to the next.  A car brakes by up to some
-        10 m/s^2 and takes a bend at about as much.
-    yaw_acceleration : float, rad/s^2
+        10 m/s² and takes a bend at about as much.
+    yaw_acceleration : float, rad/s²
     uncertainty : float, rad/s
         Largest useful standard deviation of omega.
     speed_uncertainty : float, m/s

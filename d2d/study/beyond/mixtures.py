@@ -1,7 +1,7 @@
-"""Gaussian mixtures as nonlinear least squares, the form that solvers in robotics require.
+r"""Gaussian mixtures as nonlinear least squares, the form that solvers in robotics require.
 
 Least squares minimises half a sum of squares, so the negative logarithm of a target's mixture
-``sum_j s_j exp(-|w_j|^2 / 2)``, with whitened distances w_j, has to be written as such a sum.
+:math:`\sum_j s_j \exp(-\|w_j\|^2/2)`, with whitened distances w_j, has to be written as such a sum.
 Pfeifer, Lange & Protzel (2021) compare three ways:
 
 - max: the exponent of the component that is largest at theta (Olson & Agarwal 2013,

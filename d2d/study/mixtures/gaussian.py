@@ -80,7 +80,7 @@ class GaussianMixture(Frozen):
 
     @property
     def parameters(self) -> int:
-        """Number of free parameters of K - 1 weights, K means and K symmetric matrices."""
+        """Number of free parameters of K − 1 weights, K means and K symmetric matrices."""
         k, d = self.means.shape
         return int(k - 1 + k * d + k * d * (d + 1) // 2)
 
@@ -109,7 +109,7 @@ class GaussianMixture(Frozen):
         return float(self.log_pdf(x).sum())
 
     def bic(self, x: ArrayLike) -> float:
-        """Bayesian information criterion -2 log L + P log N of x (..., N, D); lower is better."""
+        """Bayesian information criterion −2 log L + P log N of x (..., N, D); lower is better."""
         count = np.asarray(x)[..., 0].size
         return self.parameters * math.log(count) - 2.0 * self.log_likelihood(x)
 
