@@ -70,8 +70,6 @@ def write(app: Any, exception: Exception | None) -> None:
         return
     rules = []
     for path in sorted((Path(app.outdir) / "_images").glob("*.png")):
-        if path.name.endswith(SUFFIX):
-            continue
         with Image.open(path) as image:
             picture = np.asarray(image.convert("RGB"))
         kept = maps(picture)

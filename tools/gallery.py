@@ -1,8 +1,4 @@
-"""A Sphinx extension with a directive ``gallery``: every laboratory and every figure, with a link.
-
-They stand in the order of the book, under the titles of their pages, and have small pictures: the
-upper left of the figure, where its first panel is.
-"""
+"""A Sphinx extension with a directive ``gallery``: every laboratory and every figure, with a link."""
 
 from __future__ import annotations
 

@@ -1,9 +1,7 @@
 """A Sphinx extension that loads the laboratories' scripts on those pages that have one.
 
-A page has a laboratory where its text has ``<div class="lab" data-lab="name">``; the scripts are
-``engine.js``, ``kit.js`` and ``name.js`` in ``_static/labs``, and those that it builds on.  Jupyter
-Book by itself would load every script on every page.  The example log of the command line is also
-written as a script: a book that is opened from a folder can load no CSV file.
+Jupyter Book by itself would load every script on every page.  The example log of the command line
+is also written as a script: a book that is opened from a folder can load no CSV file.
 """
 
 from __future__ import annotations

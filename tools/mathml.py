@@ -1,10 +1,8 @@
-"""A Sphinx extension that typesets formulas as MathML while the book is built.
-
-Browsers lay MathML out without a script, so formulas stand where the page is first shown.
-"""
+"""A Sphinx extension that typesets formulas as MathML, which needs no script, at build time."""
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 from docutils import nodes
@@ -15,16 +13,20 @@ from sphinx.util.math import get_node_equation_number
 CONVERTER = LatexToMathML(fancy_error=False)
 CLASSES = "math notranslate nohighlight"
 LOGGER = logging.getLogger(__name__)
+DESCENDER = re.compile("(?<=<msub>|ubsup>)<mi>[fgjpqyβγζημξρφχψ]</mi>")
+HELD = re.compile(r'[(“‘]*<span class="math .*?</span>[.,;:!?)’”–]*')
 
 
 def typeset(node: nodes.Element, display: bool) -> str:
     """The MathML of a formula; one that cannot be read stays TeX, with a warning."""
-    tex = node.astext().strip()
+    tex: str = node.astext().strip()
     try:
-        return CONVERTER.convert_with_local_state(tex, displaystyle=display)
+        formula = CONVERTER.convert_with_local_state(tex, displaystyle=display)
     except LatexError as error:
         LOGGER.warning("formula %s: %s", tex, error, location=node)
-        return nodes.Text(tex).astext()
+        return tex
+    formula = formula.replace('−</mo><mspace width="0.1667em"/>', "−</mo>")  # a sign, no operation
+    return DESCENDER.sub(r'<mpadded depth="0">\g<0></mpadded>', formula)
 
 
 def visit_inline(translator: Any, node: nodes.math) -> None:
@@ -45,6 +47,12 @@ def visit_display(translator: Any, node: nodes.math_block) -> None:
     raise nodes.SkipNode
 
 
+def hold(app: Any, page: str, template: str, context: dict[str, Any], doctree: Any) -> None:
+    """Keep each formula on one line with the signs around it."""
+    context["body"] = HELD.sub(r'<span class="nobr">\g<0></span>', context.get("body", ""))
+
+
 def setup(app: Any) -> dict[str, bool]:
     app.add_html_math_renderer("mathml", (visit_inline, None), (visit_display, None))
+    app.connect("html-page-context", hold)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

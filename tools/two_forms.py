@@ -51,7 +51,6 @@ def join(app: Sphinx, document: nodes.document) -> None:
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
-    """Divide each notebook before it is parsed, and join its figures afterwards."""
     app.connect("source-read", divide)
     app.connect("doctree-read", join)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
