@@ -1,15 +1,14 @@
 // What a page does beside showing itself. Everything can be read without it.
 document.addEventListener("readystatechange", () => { // before the theme looks for what stands in the margin
-  const named = document.querySelectorAll("summary, .search-button, .search-button-field"); // by their texts
-  named.forEach((each) => each.removeAttribute("aria-label"));
-  document.querySelectorAll(".measured-scroll").forEach((each) => (each.tabIndex = 0)); // to scroll by keys
-  sessionStorage.removeItem("sidebar-scroll-top"); // the theme shows the page's own line instead
-  document.querySelectorAll("article code .pre").forEach((each) => (each.innerHTML = each.innerHTML.replace(BREAKS, "$1<wbr>")));
-  const texts = document.querySelectorAll("article :is(p, li, td, figcaption)"); // a number and its unit stay together
-  texts.forEach((each) => each.childNodes.forEach((node) => node.nodeType === 3 && (node.data = node.data.replace(UNITS, "$1\u00a0"))));
-  const sized = document.querySelectorAll("article img[style*=height]"); // they keep their place until they are loaded
-  sized.forEach(({ style }) => (style.aspectRatio = parseFloat(style.width) / parseFloat(style.height)));
-  document.querySelectorAll("article figure > img:not([style*=height])").forEach((each) => (each.loading = "eager"));
+  const change = (selector, how) => document.querySelectorAll(selector).forEach(how);
+  change("summary, .search-button, .search-button-field", (each) => each.removeAttribute("aria-label")); // they have texts
+  change(".measured-scroll", (each) => (each.tabIndex = 0)); // to scroll by keys
+  change("article code .pre", (each) => (each.innerHTML = each.innerHTML.replace(BREAKS, "$1<wbr>")));
+  change("article :is(p, li, td, figcaption, .doc)", (each) => each.childNodes.forEach(hold));
+  change("article img[style*=height]", ({ style }) => (style.aspectRatio = parseFloat(style.width) / parseFloat(style.height)));
+  change("article figure > img:not([style*=height])", (each) => (each.loading = "eager"));
+  const part = document.querySelector(".bd-links ul:has(> .current)")?.previousElementSibling; // its heading
+  sessionStorage.setItem("sidebar-scroll-top", part ? part.getBoundingClientRect().top - 0.3 * innerHeight : 0);
   if (innerWidth >= 1200) captionsAside();
   if (typeof Search !== "undefined") Search.htmlToText = prose;
   const rows = [...document.querySelectorAll(".ledger-row")];
@@ -23,16 +22,17 @@ document.addEventListener("readystatechange", () => { // before the theme looks 
   window.addEventListener("hashchange", () => openClaim(rows));
 }, { once: true });
 
-const UNITS = /(\d) (?=(?:m|s|cm|mm|ms|µs|Hz|dB|°|%|kB|MB|GB|rad|targets|runs)(?![\wµ]))/g;
+// Spaces at which no line ends: before units, and after the number of a page.
+const hold = (node) => node.nodeType === Node.TEXT_NODE && (node.data = node.data.replace(HELD, "\u00a0"));
+const HELD = /(?<=\d) (?=(?:m|s|cm|mm|ms|µs|Hz|dB|°|%|kB|MB|GB|rad|targets|runs)(?![\wµ]))|(?<=^\w\d?[ \u00a0]·) /g;
 // Where a name may break: after a dot, an underscore, a bracket or a sign between its parts; not in a number or an option.
 const BREAKS = /([a-z)\]][._=,(/])(?=[\w"-])/gi;
-
 if (location.protocol === "file:") DOCUMENTATION_OPTIONS.SHOW_SEARCH_SUMMARY = false; // a folder's pages cannot be read
 
 // The search's: chapters and guides come before the appendix, functions and the gallery last; words in a title count.
 const WEIGHTS = [
   [/^chapters\/[a-z]_/, 3],
-  [/^chapters\/(?!gallery)/, 12],
+  [/^intro|^chapters\/(?!gallery)/, 12],
   [/./, -4],
 ];
 const asked = new URLSearchParams(location.search).get("q")?.toLowerCase().match(/\w{3,}/g) ?? [];
