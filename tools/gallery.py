@@ -1,4 +1,4 @@
-"""A Sphinx extension with a directive ``gallery``: every laboratory and every figure, with a link."""
+"""A Sphinx extension with a directive ``gallery``: links to all laboratories and figures."""
 
 from __future__ import annotations
 
