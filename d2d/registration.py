@@ -93,12 +93,12 @@ def register(
     --------
     >>> import numpy as np
     >>> from d2d import PointSet, register, rigid
-    >>> fixed = PointSet([[8.0, 1.0], [5.0, -3.0], [6.0, 4.0]], [0.04 * np.eye(2)] * 3)
+    >>> fixed = PointSet([[8, 1], [5, -3], [6, 4]], [0.04 * np.eye(2)] * 3)
     >>> moving = fixed.transformed(rigid.inverse([0.5, -0.2, 0.1]))
     >>> estimate = register(fixed, moving)
     >>> bool(estimate.converged), estimate.theta.round(3).tolist()
     (True, [0.5, -0.2, 0.1])
-    >>> np.sqrt(np.diag(estimate.covariance)).round(2).tolist()  # standard deviations
+    >>> np.sqrt(np.diag(estimate.covariance)).round(2).tolist()  # sigmas
     [0.17, 0.35, 0.05]
     """
     cost = RegistrationCost() if cost is None else cost

@@ -95,12 +95,12 @@ def log_score(errors: ArrayLike, covariances: ArrayLike) -> Array:
 
     Examples
     --------
-    The mean is smallest for the true standard deviation, here 1:
+    The mean is smallest for the true variance, here 1:
 
     >>> import numpy as np
     >>> from d2d import log_score
     >>> errors = np.random.default_rng(0).standard_normal((1000, 1))
-    >>> [float(log_score(errors, [[s**2]]).mean().round(2)) for s in (0.5, 1.0, 2.0)]
+    >>> [float(log_score(errors, [[v]]).mean().round(2)) for v in (0.25, 1, 4)]
     [2.14, 1.4, 1.73]
     """
     return np.asarray(whiten(errors, covariances).log_score.sum(axis=-1))

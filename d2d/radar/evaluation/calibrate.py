@@ -141,9 +141,9 @@ def calibrate(
     --------
     >>> import numpy as np
     >>> from d2d.radar import Reference, calibrate, simulate_drive
-    >>> drive = simulate_drive(np.random.default_rng(0), duration=20.0)
-    >>> late = Reference(drive.truth.times - 0.2, drive.truth.theta, drive.truth.poses)
-    >>> found = calibrate([(drive.scans, drive.mounting, late)])
+    >>> run = simulate_drive(np.random.default_rng(0), duration=20.0)
+    >>> late = Reference(run.truth.times - 0.2, run.truth.theta, run.truth.poses)
+    >>> found = calibrate([(run.scans, run.mounting, late)])
     >>> bool(abs(found.lag - 0.2) < 3.0 * found.sigmas[0])
     True
     """

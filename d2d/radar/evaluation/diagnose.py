@@ -74,8 +74,8 @@ def diagnose(
     >>> import numpy as np
     >>> from d2d.radar import Mounting, diagnose, simulate_drive, track
     >>> drive = simulate_drive(np.random.default_rng(0), duration=10.0)
-    >>> place = drive.mounting
-    >>> turned = drive.scans, Mounting(place.x, place.y, place.yaw + np.deg2rad(5.0))
+    >>> at = drive.mounting
+    >>> turned = drive.scans, Mounting(at.x, at.y, at.yaw + np.deg2rad(5.0))
     >>> [found.symptom for found in diagnose(turned, track(turned))]
     ['a mounting is turned']
     """

@@ -76,7 +76,7 @@ def fit_budget(
     >>> from d2d.radar import fit_budget
     >>> rng = np.random.default_rng(0)
     >>> noise = rng.uniform(0.01, 0.1, (1000, 1))
-    >>> errors = np.hypot(noise, [0.04, 0.0, 0.01]) * rng.standard_normal((1000, 3))
+    >>> errors = np.hypot(noise, [0.04, 0, 0.01]) * rng.standard_normal((1000, 3))
     >>> fit = fit_budget(errors, noise[:, :, None] ** 2 * np.eye(3))
     >>> fit.bounds.round(3)
     array([[0.037, 0.   , 0.007],

@@ -47,8 +47,8 @@ def compare_halves(
     --------
     >>> import numpy as np
     >>> from d2d.radar import compare_halves, simulate_drive
-    >>> drive = simulate_drive(np.random.default_rng(0), duration=4.0)
-    >>> compare_halves(drive, np.random.default_rng(1), by="object").errors.shape
+    >>> rng = np.random.default_rng(0)
+    >>> compare_halves(simulate_drive(rng, 4.0), rng, by="object").errors.shape
     (40, 3)
     """
     check_instance("rng", rng, np.random.Generator)

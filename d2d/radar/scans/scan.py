@@ -102,9 +102,9 @@ class RadarScan(Frozen):
     Examples
     --------
     >>> from d2d.radar import RadarScan
-    >>> scan = RadarScan(12.05, [14.2, 31.0], [-0.31, 0.02], [-8.92, -9.3], 0.15, 0.009, 0.06)
+    >>> scan = RadarScan(0.0, [14, 31], [0.3, 0], [-8.9, -9.3], 0.1, 0.01, 0.06)
     >>> scan[scan.range < 20.0].doppler
-    array([-8.92])
+    array([-8.9])
     """
 
     time: float

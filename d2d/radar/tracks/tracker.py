@@ -159,7 +159,7 @@ class Tracker:
     >>> tracker = Tracker({"front": drive.mounting})
     >>> for scan in drive.scans:
     ...     for estimate in tracker.add("front", scan):
-    ...         v_x, v_y, omega = estimate.theta  # at estimate.time, if estimate.converged
+    ...         v_x, v_y, omega = estimate.theta  # at estimate.time
     >>> tracker.track
     Track(20 estimates from 0.100 s to 2.000 s, 100.0% converged)
     """

@@ -92,7 +92,7 @@ def in_words(claim: Claim, evidence: Evidence) -> str:
     if evidence.over:
         sentences.append(f"measured over {evidence.over}")
     numbers = [f"  {name}: {_with_interval(value)}" for name, value in evidence.numbers.items()]
-    return "\n".join([*(textwrap.fill(sentence, 88) for sentence in sentences), *numbers])
+    return "\n".join([*(textwrap.fill(sentence, 76) for sentence in sentences), *numbers])
 
 
 @dataclass(frozen=True)

@@ -87,7 +87,8 @@ def table(
 
     Examples
     --------
-    >>> table({"ICP": (14.9, 0.46)}, ["method", ("translation", "mm", ".0f"), ("rotation", "deg")])
+    >>> columns = ["method", ("translation", "mm", ".0f"), ("rotation", "deg")]
+    >>> table({"ICP": (14.9, 0.46)}, columns)
     method  translation (mm)  rotation (deg)
     ICP                   15            0.46
     """
