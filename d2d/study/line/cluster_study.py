@@ -15,7 +15,7 @@ from d2d.study.line.surfaces import log_surface, peaks
 
 ESTIMATES = 4000  # draws with an estimate
 SEARCHED = 1000  # the first of them, whose surfaces are searched for maxima
-NEAR = 1.75  # m around the true alignment: the cluster's own meetings, and no other's
+NEAR = 1.75  # m from the true alignment: meetings in the cluster, from 3 sigma on also of E with C
 SPACINGS = (0.0, 0.5, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)  # standard deviations
 
 
