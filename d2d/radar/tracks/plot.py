@@ -28,8 +28,8 @@ def draw(driven: Any) -> Figure:
 
     path, times, converged = driven.poses(), driven.times, driven.converged
     rows = 3 + (driven.inliers is not None)
-    figure = plt.figure(figsize=(5.5, 3.6 + 0.9 * rows), layout="constrained")
-    grid = figure.add_gridspec(1 + rows, height_ratios=(4.6, *[1.0] * rows))
+    figure = plt.figure(figsize=(5.5, 3.2 + rows), layout="constrained")
+    grid = figure.add_gridspec(1 + rows, height_ratios=(3.5, *[1.0] * rows))
     ax = figure.add_subplot(grid[0])
     ax.plot(path[:, 0], path[:, 1], **ESTIMATE, lw=1.5)
     ax.plot(*path[0, :2], MARKER, color=COLOR, label="start")

@@ -115,16 +115,15 @@ def first_scale_panel(ax: Axes, rows: pd.DataFrame) -> None:
 
 def covariance_panel(ax: Axes, covariances: dict[str, StatedCovariances], title: str) -> None:
     """I^2 of both covariances, a row for each name, over the band of the credible ones."""
-    band: dict[str, Any] = {"color": SKY, "alpha": 0.4, "lw": 0, "label": "right within ±0.5 dB"}
+    band: dict[str, Any] = {"color": "0.9", "lw": 0, "label": "right within ±0.5 dB"}
     ax.axvspan(-CREDIBLE_INCLINATION, CREDIBLE_INCLINATION, **band)
     ax.axvline(0.0, **TRUTH)
     heights = np.arange(len(covariances))[::-1]
-    for kind, name in (("inverse Hessian", "inverse Hessian"), ("propagated", "propagated noise")):
+    kinds = ("inverse Hessian", "inverse Hessian", 0.2), ("propagated", "propagated noise", -0.2)
+    for kind, name, lift in kinds:
         values = [both.credibility(kind).inclination for both in covariances.values()]
-        ax.plot(values, heights, **COVARIANCES[name].marks, ms=6)
-    # an entry that is not a cost of the grammar keeps its name
-    names = [COSTS[key].name if key in COSTS else key for key in covariances]
-    ax.set_yticks(heights, names)
+        ax.plot(values, heights + lift, **COVARIANCES[name].marks, ms=6)
+    ax.set_yticks(heights, covariances)
     ax.set_xscale("symlog", linthresh=1.0, linscale=0.7)
     write_out_ticks(ax.xaxis, (-10, -1, 0, 1, 10))
     words = "← too large          I² (dB)          too small →"

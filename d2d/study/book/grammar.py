@@ -103,27 +103,28 @@ def mark_truth(ax: Axes, x: float = 0.0, y: float = 0.0, size: float = 9.0) -> N
 
 
 def key() -> Figure:
-    """The key to all figures: costs, metrics, truth, sets, start and maps."""
-    figure, axes = plt.subplots(1, 2, figsize=(5.5, 2.3), width_ratios=(1.0, 1.15))
-    figure.suptitle("Every cost, set and map has one look in all figures", x=0.01, ha="left")
-    costs = [
+    """The key to all figures: costs, metrics, covariances, truth, sets, start and maps."""
+    figure, axes = plt.subplots(1, 2, figsize=(5.5, 2.8), width_ratios=(1.0, 1.15))
+    finding = "Costs, covariances, sets and maps look the same in all figures"
+    figure.suptitle(finding, x=0.01, ha="left")
+    p2d = Look("dotted: P2D", COSTS["summing"].color, "", DOTTED)
+    lines = [
         Line2D([], [], color=look.color, marker=look.marker, ls=look.line, label=look.name)
-        for look in COSTS.values()
+        for look in (*COSTS.values(), p2d, *COVARIANCES.values())
     ]
-    p2d = Line2D([], [], **{**cost_line("summing", "p2d"), "label": "dotted: P2D"})
     rest = [
         Line2D([], [], **TRUTH, label="truth, reference"),
         *(Line2D([], [], **set_marks(name)) for name in SETS),
         Line2D([], [], color=START, marker="v", ls="none", label="start"),
     ]
-    for ax, handles in zip(axes, ([*costs, p2d], rest), strict=True):
+    for ax, handles in zip(axes, (lines, rest), strict=True):
         ax.axis("off")
         ax.legend(handles=handles, loc="upper left", handlelength=3.2, borderaxespad=0.0)
     for left, name, ends in (
         (0.06, COST_MAP, ("low cost", "high cost")),
         (0.56, SHARE_MAP, ("share 0", "share 1")),
     ):
-        bar = figure.add_axes((left, 0.13, 0.36, 0.08), in_layout=False)
+        bar = figure.add_axes((left, 0.11, 0.36, 0.065), in_layout=False)
         bar.imshow([[k / 255 for k in range(256)]], cmap=name, aspect="auto")
         bar.set(xticks=[0, 255], xticklabels=ends, yticks=[])
         bar.grid(False)

@@ -130,7 +130,7 @@ def draw_atlas(figure: Figure, cards: Mapping[str, tuple[str, str]], columns: in
     bend = int(np.argmax(swift))  # where the car turns, and is fast enough to fold
     high = [0.15, *len(cards) // columns * [1.0]]  # the headline's row first
     places = figure.subfigures(len(high), columns, squeeze=False, height_ratios=high)[1:].ravel()
-    edges = {"left": 0.21, "right": 0.95, "bottom": 0.34, "top": 0.9, "height_ratios": (1.7, 1.0)}
+    edges = {"left": 0.21, "right": 0.95, "bottom": 0.31, "top": 0.9, "height_ratios": (1.7, 1.0)}
     for place, letter, (fault, (looks, cure)) in zip(
         places, string.ascii_lowercase, cards.items(), strict=False
     ):
@@ -142,7 +142,8 @@ def draw_atlas(figure: Figure, cards: Mapping[str, tuple[str, str]], columns: in
         place.suptitle(
             f"({letter}) {looks}", x=0.02, y=0.98, ha="left", fontsize=9, weight="normal"
         )
-        place.text(0.02, 0.06, f"{fault}\n{share}\n{cure}", fontsize=9, va="bottom")
+        words = fault.replace("nothing", "nothing wrong").replace(" deg", "°")
+        place.text(0.02, 0.22, f"{words}\n{share}\n{cure}", fontsize=9, va="top")
 
 
 def _draw_path(ax: Axes, driven: Track, truth: Reference) -> None:
@@ -150,7 +151,8 @@ def _draw_path(ax: Axes, driven: Track, truth: Reference) -> None:
     poses = driven.poses(truth.poses[0])
     ax.plot(*truth.poses[:, :2].T, **TRUTH)
     ax.plot(*poses[:, :2].T, color=COSTS["robust"].color)
-    ax.plot(*poses[1:][~driven.converged, :2].T, "x", color=PINK, ms=3)
+    guessed = poses[1:][~driven.converged, :2]
+    ax.plot(*guessed[::8].T, "x", color=PINK, ms=4, mew=1.4)  # all would run together
     ax.plot(*truth.poses[0, :2], "o", color=BLACK, ms=4)
     tail, head = poses[len(poses) // 12 + np.array([0, 6]), :2]
     ax.annotate("", head, tail, arrowprops={"arrowstyle": "-|>", "mutation_scale": 12, "fc": BLACK})
@@ -165,6 +167,7 @@ def _draw_fan(ax: Axes, scan: RadarScan, theta: Array, mounting: Mounting) -> No
     expected = doppler_velocity(theta, scan.azimuth, mounting)
     ax.vlines(np.rad2deg(scan.azimuth), expected, scan.doppler, MOVING, lw=0.8, alpha=0.5)
     ax.plot(np.rad2deg(scan.azimuth), scan.doppler, ".", color=MOVING, ms=5)
-    ax.set(xlim=(-62, 62), ylim=(-13, 13), xticks=[-45, 0, 45], yticks=[-10, 0, 10])
+    ax.set(xlim=(-62, 62), ylim=(-13, 17), xticks=[-45, 0, 45], yticks=[-10, 0, 10])
+    ax.set_title("m/s", fontsize=8, pad=2.0)
     ax.tick_params(labelsize=8)
     ax.xaxis.set_major_formatter("{x:.0f}°")

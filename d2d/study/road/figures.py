@@ -1,6 +1,6 @@
 """Tables and drawings of the covariances on the road."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from itertools import product
 from typing import Any
 
@@ -8,14 +8,11 @@ import numpy as np
 from matplotlib import pyplot as plt
 from matplotlib.figure import Figure
 
-from d2d.study.book.drawing import intervals, label
-from d2d.study.book.grammar import BLACK, COVARIANCES, OTHERS, SKY, TRUTH
-from d2d.study.book.style import PAGE, letter_panels, write_out_ticks
+from d2d.study.book.drawing import intervals
+from d2d.study.book.grammar import COVARIANCES, TRUTH
+from d2d.study.book.style import PAGE, write_out_ticks
 from d2d.study.book.table import Column, Table, table
 from d2d.study.drives.errors import NAMES, UNITS
-
-_MARKS = "oDs^v"
-_RISES = (-9, 3, -3, -3, -3)  # points by which a name is above its curve's end
 
 
 def score_table(judged: Mapping[str, Mapping[str, Any]], caption: str = "") -> Table:
@@ -77,26 +74,4 @@ def draw_scores(judged: Mapping[str, Mapping[str, Any]], wide: bool = False) -> 
     axes[1].set(xlabel="in the 95 % region (%)", xlim=(0, 102), title="(b) 95 % is right")
     handles = axes[0].get_legend_handles_labels()
     figure.legend(*handles, loc="outside lower center", ncols=3 if wide else 2)
-    return figure
-
-
-def draw_horizons(drives: Mapping[str, Sequence[Mapping[str, Any]]]) -> Figure:
-    """Error of the yaw rate and log score beside each drive's best, by time between the scans."""
-    figure, axes = plt.subplots(2, figsize=(5.5, 5.3), sharex=True)
-    looks = zip(drives.items(), (BLACK, *OTHERS), _MARKS, _RISES, strict=False)
-    for (name, rows), color, mark, rise in looks:
-        horizon = [row["horizon"] for row in rows]
-        rmse = np.array([row["rmse"][2] for row in rows])
-        score = np.array([row["log_score"] for row in rows])
-        style: dict[str, Any] = {"marker": mark, "ms": 4.5, "color": color}
-        axes[0].plot(horizon, rmse / rmse.min(), **style)
-        axes[1].plot(horizon, score - score.min(), **style)
-        label(axes[0], (horizon[-1], rmse[-1] / rmse.min()), name, color, (7, rise))
-    for ax in axes:
-        ax.axvline(0.3, **TRUTH)
-    axes[0].axhspan(1.0, 7.0 / 6.0, color=SKY, alpha=0.3, lw=0)
-    axes[0].text(0.31, 1.6, "what track takes", fontsize=9)
-    axes[0].set_title("RMSE of ω over the drive's best; band: up to a sixth more")
-    axes[1].set(title="log score less the drive's best", xlabel="time between the scans (s)")
-    letter_panels(axes)
     return figure

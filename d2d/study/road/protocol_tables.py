@@ -2,42 +2,63 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 import scipy
-from matplotlib.colors import Normalize
 
 from d2d._types import Array
 from d2d.radar import ErrorBudget
-from d2d.study.book.grammar import BLACK, COST_MAP, GREY
-from d2d.study.book.style import headline, letter_panels, use_style
+from d2d.study.book.grammar import COVARIANCES, GREY, OCHRE, PURPLE, TRUTH
+from d2d.study.book.style import headline, letter_panels, use_style, write_out_ticks
 from d2d.study.results import results_path
 from d2d.study.road.drive import DATA_SETS, Source
 from d2d.study.road.markdown import markdown, write_page
 from d2d.study.road.protocol import (
     ALL,
+    BARE,
     CAUSES,
     CELLS,
+    CONSTANT,
     DIRECTIONS,
+    EMPTY,
+    FACTORS,
+    FITTED,
     LEVELS,
     MODELS,
+    STORED,
     TRACKS,
     Judged,
     protocol,
 )
 
-FAR = 10.0  # a factor between an ANEES and 1 from which on all have one colour
 PAGE = "road_protocol.md"
+# Of the chart: the cells in words, and each model's colour, marker and size.
+IN_WORDS = ("all radars", "front radar", "side radar", "40 targets", "15 targets", "a radar silent")
+LOOKS = {
+    BARE: (*COVARIANCES["inverse Hessian"][1:3], 7),
+    EMPTY: (*COVARIANCES["propagated noise"][1:3], 6),
+    CONSTANT: (OCHRE, "s", 5),
+    FACTORS: (PURPLE, "D", 5),
+    FITTED: (GREY, "o", 5),
+    STORED: (*COVARIANCES["noise and budget"][1:3], 10),
+}
+
+
+def mean_with_half(values: Array) -> tuple[float, float]:
+    """The mean of several drives and half its 95 % interval by Student's t."""
+    half = scipy.stats.t.ppf(0.975, len(values) - 1) * scipy.stats.sem(values)
+    return float(values.mean()), float(half)
 
 
 def over_drives(values: Array, digits: int) -> str:
     """Two drives one beside the other, more as their mean with its interval by Student's t."""
     if len(values) < 3:
         return " / ".join(f"{value:.{digits}f}" for value in values)
-    half = scipy.stats.t.ppf(0.975, len(values) - 1) * scipy.stats.sem(values)
-    return f"{values.mean():.{digits}f} (±{half:.{digits}f})"
+    mean, half = mean_with_half(values)
+    return f"{mean:.{digits}f} (±{half:.{digits}f})"
 
 
 def by_drive(rows: pd.DataFrame, measure: str, cell: str = ALL) -> pd.DataFrame:
@@ -158,38 +179,52 @@ def section(data_set: str, found: Judged, stored: ErrorBudget) -> str:
 
 
 def chart(results: Mapping[str, pd.DataFrame], path: Path) -> None:
-    """The ANEES of every model in every cell: of two drives both, of more the mean.
-
-    The colour says how far the mean is from 1, by a factor to either side.
-    """
+    """The ANEES of every model in every cell: of two drives both, of more the mean."""
     use_style()
-    figure, axes = plt.subplots(len(results), figsize=(5.5, 5.7), sharex=True, squeeze=False)
-    for ax, (name, rows) in zip(axes[:, 0], results.items(), strict=True):
-        for column, cell in enumerate(CELLS):
-            values = by_drive(rows, "ANEES", cell).reindex(columns=[*MODELS])
-            off = np.abs(np.log(values.mean().to_numpy()))
-            look = {"cmap": COST_MAP, "norm": Normalize(0.0, np.log(FAR)), "aspect": "auto"}
-            image = ax.imshow(off[:, None], extent=(column, column + 1, len(MODELS), 0), **look)
-            for row, own in enumerate(values.to_numpy().T):
-                shown = own if len(own) < 3 else own.mean(keepdims=True)
-                known = shown[np.isfinite(shown)]
-                text = " / ".join(f"{value:.{int(value < 9.95)}f}" for value in known)
-                color = "white" if off[row] < 0.6 * np.log(FAR) else BLACK
-                ax.text(column + 0.5, row + 0.5, text, color=color, ha="center", va="center")
-        drives = " / ".join(values.index) if len(values) < 3 else f"mean of {len(values)} drives"
-        ax.set(xlim=(0, len(CELLS)), ylim=(len(MODELS), 0), title=f"{name}: {drives}")
-        cells = rows.groupby("model")["cell"].nunique()
-        for row in np.flatnonzero(cells[[*MODELS]] == 1).tolist():
-            words = "judged with all sensors only"
-            ax.text(0.5 + 0.5 * len(CELLS), row + 0.5, words, color=GREY, ha="center", va="center")
-        ax.set_yticks(np.arange(len(MODELS)) + 0.5, MODELS)
-        ax.set_xticks(np.arange(len(CELLS)) + 0.5, [cell.replace(" ", "\n") for cell in CELLS])
-        ax.grid(visible=False)
-    bar = figure.colorbar(image, ax=axes, location="bottom", shrink=0.7, aspect=30)
-    bar.set_ticks([*np.log([1, 2, 5, 10])], labels=["1", "2", "5", "10 and more"])
-    bar.set_label("factor between the ANEES and 1, to either side")
-    headline(figure, "Without shared errors the ANEES is above 8, with the budget below 3")
+    shape: dict[str, Any] = {"sharex": True, "sharey": True, "squeeze": False}
+    figure, axes = plt.subplots(1, len(results), figsize=(5.5, 6.2), **shape)
+    worst = dict.fromkeys(MODELS, 0.0)
+    for ax, (name, rows) in zip(axes[0], results.items(), strict=True):
+        names: list[str] = []
+        for cell, words in zip(CELLS, IN_WORDS, strict=True):
+            names.append(words)
+            values = by_drive(rows, "ANEES", cell)
+            for model in values:
+                place, own = len(names), values[model].to_numpy()
+                color, marker, size = LOOKS[model]
+                look: dict[str, Any] = {"color": color, "marker": marker, "lw": 1.2, "ms": size}
+                if len(own) < 3:
+                    ax.plot(own, [place] * len(own), **look, markevery=[0])
+                    ax.plot(own, [place] * len(own), **look | {"lw": 0}, mfc="white", zorder=1.9)
+                    worst[model] = max(worst[model], own.max())
+                else:
+                    mean, half = mean_with_half(own)
+                    spread = [min(half, mean - 0.1)], [half]  # the scale is logarithmic
+                    ax.errorbar(mean, place, xerr=spread, **look)
+                    worst[model] = max(worst[model], mean)
+                names.append(model)
+        ax.axvspan(0.5, 2.0, color="0.92", lw=0)
+        ax.axvline(1.0, **TRUTH)
+        ax.set(
+            xscale="log",
+            xlabel="ANEES (1 is right)",
+            xlim=(0.09, 60),
+            ylim=(len(names) - 0.4, -0.6),
+        )
+        write_out_ticks(ax.xaxis, (0.1, 0.5, 1, 2, 5, 10, 50))
+        drives = "{} filled, {} open".format(*values.index) if len(values) == 2 else "mean, 95 %"
+        ax.set_title(f"{name}: {drives}")
+        ax.set_yticks(range(len(names)), names)
+        for text in ax.get_yticklabels():
+            is_model = text.get_text() in LOOKS
+            text.set(weight="normal" if is_model else "bold", size=8.5)
+        ax.tick_params(axis="y", length=0)
     letter_panels(axes)
+    headline(
+        figure,
+        f"With other sensors a constant matrix is up to {worst[CONSTANT]:.0f} times too small; "
+        f"the budget, which follows radars and targets, at most {worst[STORED]:.1f} times",
+    )
     figure.savefig(path, dpi=244, metadata={"Software": None})
     plt.close(figure)
 
