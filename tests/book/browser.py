@@ -87,8 +87,6 @@ def chromium(profile: Path) -> Iterator[webdriver.Chrome]:
     driver = Chromium(options, webdriver.ChromeService(shutil.which(DRIVER)))
     try:
         driver.set_script_timeout(60)
-        # Every page as a first visitor loads it.
-        driver.execute_cdp_cmd("Network.setCacheDisabled", {"cacheDisabled": True})
         # A window without a screen may have no focus, and then draws none.
         driver.execute_cdp_cmd("Emulation.setFocusEmulationEnabled", {"enabled": True})
         yield driver

@@ -40,6 +40,7 @@ def faults(driver: webdriver.Chrome, address: str, page: str, book: Path) -> dic
     """What is wrong with a page, by kind."""
     browser.drain(driver)
     browser.resize(driver, browser.WIDE)
+    driver.execute_cdp_cmd("Network.clearBrowserCache", {})  # a first visitor's is empty
     driver.get(f"{address}{page}.html")
     driver.execute_script(browser.INSPECT)
     formulas = browser.ask(driver, "inspectBook.formulas()")
