@@ -9,10 +9,12 @@ viridis or cividis.
 from __future__ import annotations
 
 import io
+from functools import reduce
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas
 from matplotlib import colormaps
 from PIL import Image
 from scipy import ndimage
@@ -40,15 +42,23 @@ RULE = """html[data-theme="dark"] body .bd-content article img[src$="/{name}"] {
 """
 
 
+def grown(mask: np.ndarray, size: int) -> np.ndarray:
+    """The pixels of a mask, each with a square of so many pixels, an odd number, about it."""
+    for _ in range(2):
+        rows = np.pad(mask, ((size // 2, size // 2), (0, 0)))
+        mask = reduce(np.logical_or, [rows[i : len(mask) + i] for i in range(size)]).T
+    return mask
+
+
 def maps(picture: np.ndarray) -> np.ndarray:
     """Mask of the pixels of a picture (height, width, 3) that belong to a map."""
-    codes, inverse = np.unique(picture.astype(int) @ [65536, 256, 1], return_inverse=True)
+    inverse, codes = pandas.factorize(picture.reshape(-1, 3).astype(float) @ [65536, 256, 1])
     colors = codes[:, None] // [65536, 256, 1] % 256
     off, shade = SCALES.query(colors, p=np.inf)
-    shades = np.where(off <= NEAR, shade, -1)[inverse]
-    vivid = (np.ptp(colors, axis=1) > GREY)[inverse]
-    areas = ndimage.grey_opening(ndimage.grey_closing(shades >= 0, THIN), THIN)
-    labels, _ = ndimage.label(ndimage.grey_closing(areas, GAP))
+    shades = np.where(off <= NEAR, shade, -1)[inverse].reshape(picture.shape[:2])
+    vivid = (np.ptp(colors, axis=1) > GREY)[inverse].reshape(shades.shape)
+    areas = ~grown(~grown(shades >= 0, THIN), 2 * THIN - 1)  # closed, and thinned to be opened
+    labels, _ = ndimage.label(~grown(~grown(grown(areas, THIN), GAP), GAP))
     found = np.zeros(labels.shape, dtype=bool)
     for label, box in enumerate(ndimage.find_objects(labels), start=1):
         area = labels[box] == label

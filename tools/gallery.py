@@ -93,9 +93,8 @@ def write_small(app: Sphinx, error: Exception | None) -> None:
     for path in (Path(app.outdir) / app.builder.imagedir).glob("*.png"):
         with Image.open(path) as picture:
             part = picture.convert("RGB").crop((0, 0, *np.minimum(picture.size, PART)))
-            ImageOps.fit(part, SMALL, centering=(0, 0)).save(
-                path.with_suffix(".small.webp"), quality=70
-            )
+            small = ImageOps.fit(part, SMALL, centering=(0, 0))
+            small.save(path.with_suffix(".small.webp"), quality=70)
 
 
 def setup(app: Sphinx) -> dict[str, bool]:

@@ -22,18 +22,14 @@ from d2d.radar import cli
 FOLDER = "labs/"
 LABORATORY = re.compile(r'<div class="lab"[^>]* data-lab="([a-z]+)"')
 SHARED = ("engine", "kit")
-NEEDED = {  # by single laboratories, before their own script
-    "log": ("tracker",),
-    "replay": ("replay_data",),
-}
+NEEDED = {"log": ("tracker",), "replay": ("replay_data",)}  # by these, before their own script
 
 
 def leave_out(app: Sphinx, config: Config) -> None:
     """Take the laboratories' files, and the theme's icons, out of those that every page loads."""
     for name in ("html_js_files", "html_css_files"):
-        kept = [
-            file for file in getattr(config, name) if not str(file).startswith((FOLDER, "vendor/"))
-        ]
+        files = getattr(config, name)
+        kept = [file for file in files if not str(file).startswith((FOLDER, "vendor/"))]
         setattr(config, name, kept)
 
 

@@ -27,8 +27,7 @@ def anchor(module: str, test: str) -> str:
 def link(app: Any, document: nodes.document, page: str) -> None:
     """Make each test that a page names a link to its source."""
     for literal in list(document.findall(nodes.literal)):
-        match = TEST.fullmatch(literal.astext())
-        if match:
+        if match := TEST.fullmatch(literal.astext()):
             address = f"{app.builder.get_relative_uri(page, PAGE)}#{anchor(*match.groups())}"
             literal.replace_self(nodes.reference("", "test", refuri=address, reftitle=match[0]))
 

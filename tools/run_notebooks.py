@@ -29,8 +29,7 @@ from nbformat import NotebookNode
 from shrink_pictures import shrink_outputs
 
 CHAPTERS = Path(__file__).resolve().parents[1] / "chapters"
-CELL_METADATA = ("mystnb", "tags")
-"""The cell metadata that the book uses; everything else comes from editors."""
+CELL_METADATA = ("mystnb", "tags")  # that the book uses; everything else comes from editors
 
 KERNELSPEC = {"display_name": "Python 3", "language": "python", "name": "python3"}
 LANGUAGE_INFO = {

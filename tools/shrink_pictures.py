@@ -12,8 +12,7 @@ from base64 import b64decode, b64encode
 from nbformat import NotebookNode
 from PIL import Image, ImageChops, ImageStat
 
-MAX_ERROR = 1.0
-"""Mean error (0 to 255) of the worst colour channel; far less than the eye can see."""
+MAX_ERROR = 1.0  # of 255, mean of the worst colour channel; far less than the eye can see
 
 
 def shrink(data: bytes) -> bytes:
