@@ -13,7 +13,7 @@ from sphinx.util.math import get_node_equation_number
 CONVERTER = LatexToMathML(fancy_error=False)
 CLASSES = "math notranslate nohighlight"
 LOGGER = logging.getLogger(__name__)
-DESCENDER = re.compile("(?<=<msub>|ubsup>)<mi>[fgjpqyβγζημξρφχψ]</mi>")
+DESCENDER = re.compile("(?<=<msub>|ubsup>)<mi>[fgjpqyβγζημξρϱφϕχψ]</mi>")
 HELD = re.compile(r'[(“‘]*<span class="math .*?</span>[.,;:!?)’”–]*')
 
 
