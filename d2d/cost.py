@@ -110,8 +110,8 @@ class RegistrationCost:
         Distribution to distribution, :math:`S_{ki} = R \Sigma_k R^{\mathsf T} + \Sigma_i` (Stoyanov
         2012, thesis eq. 4.7), or point to it, :math:`S_{ki} = \Sigma_i` (Biber 2003, eq. 4.4).
     fusion : "likelihood" or "summing"
-        :math:`-\sum_k \log q_k` (thesis eq. 4.10) or :math:`-\log \sum_k q_k` (eq. 4.8; the
-        logarithm keeps the optimum and makes the Hessian independent of the density's unit).
+        The value is :math:`-\sum_k \log q_k` (thesis eq. 4.10) or :math:`-\log \sum_k q_k` (eq.
+        4.8; its logarithm keeps the optimum and makes the Hessian independent of the unit).
     outlier : UniformOutlier, CorruptedGaussian or None
         The outlier component of each target's density.
 
