@@ -16,11 +16,11 @@ def fit(x: ArrayLike, weights: ArrayLike | None = None) -> tuple[Array, Array]:
     points = np.asarray(x, dtype=np.float64)
     w = np.ones(points.shape[-2]) if weights is None else np.asarray(weights, dtype=np.float64)
     share = w / w.sum(axis=-1, keepdims=True)
-    mean = np.einsum("...n,...nd->...d", share, points)
+    mean = (share[..., None, :] @ points)[..., 0, :]
     # once more about the mean: far from the origin, rounding of the shares moves the first one
-    mean += np.einsum("...n,...nd->...d", share, points - mean[..., None, :])
+    mean = mean + (share[..., None, :] @ (points - mean[..., None, :]))[..., 0, :]
     centred = points - mean[..., None, :]
-    return mean, np.einsum("...n,...ni,...nj->...ij", share, centred, centred)
+    return mean, np.swapaxes(share[..., None] * centred, -1, -2) @ centred
 
 
 def raise_eigenvalues(

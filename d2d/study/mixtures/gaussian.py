@@ -26,7 +26,7 @@ def log_density(x: ArrayLike, mean: ArrayLike, covariance: ArrayLike) -> Array:
     """
     factor = np.linalg.cholesky(np.asarray(covariance, dtype=np.float64))
     # there are few factors and many points: invert each factor once
-    whitened = np.einsum("...ij,...j->...i", np.linalg.inv(factor), np.subtract(x, mean))
+    whitened = (np.linalg.inv(factor) @ np.subtract(x, mean)[..., None])[..., 0]
     roots = math.sqrt(2.0 * math.pi) * np.diagonal(factor, axis1=-2, axis2=-1)
     return np.asarray(-0.5 * (whitened**2).sum(axis=-1) - np.log(roots).sum(axis=-1))
 
