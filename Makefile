@@ -8,12 +8,9 @@ STAMP := $(VENV)/.installed
 BIN := $(VENV)/bin
 # The libraries that `make bench` compares with, in an environment of their own.
 PEERS := .venv-bench
-# The lowest versions that pyproject.toml declares, for `make lowest`.
+# The lowest versions that pyproject.toml declares, for `make lowest`, and what finds them.
 LOWEST := .venv-lowest
-# Installs in a quarter of pip's time; where it cannot, pip does: it does not read pip's configuration, an index say.
 UV := uv==0.13.9
-install = $(BIN)/uv pip install --quiet --python $(BIN)/python $(1) || \
-  $(BIN)/python -m pip install --quiet --no-compile --disable-pip-version-check $(1)
 # Parallel test processes.
 JOBS ?= 2
 # The notebooks that take longest begin, so that no process waits for the last one.
@@ -66,8 +63,7 @@ $(STAMP): requirements.txt pyproject.toml
 	  "$$python" -m venv --clear $(VENV) || { \
 	    echo "$$python cannot make virtual environments (on Debian: apt install python3-venv)." >&2; exit 1; }; \
 	fi
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check '$(UV)' || :
-	$(call install,-r requirements.txt)
+	$(BIN)/python -m pip install --quiet --no-compile --disable-pip-version-check -r requirements.txt
 	@$(BIN)/python -W ignore -m compileall -qq -j 0 -x /tests/ $(VENV)/lib || :
 	@mkdir -p $(VENV)/ipython/profile_default
 	@cp tools/ipython_kernel_config.py $(VENV)/ipython/profile_default/
@@ -109,7 +105,7 @@ test-engine: $(VENV)/.book-test ## Compare the engine of the laboratories with d
 	$(BIN)/python -m pytest tests/book/test_engine.py tests/book/test_tracker.py
 
 $(VENV)/.book-test: $(STAMP)
-	$(call install,'d2d[book-test]')
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check 'd2d[book-test]'
 	@touch $@
 
 _build/html/index.html:
