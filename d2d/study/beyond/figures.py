@@ -10,7 +10,7 @@ from matplotlib.collections import QuadMesh
 from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 
-from d2d.study.beyond.exhaustive import ANNEALING, select
+from d2d.study.beyond.exhaustive import select
 from d2d.study.book.grammar import (
     BLACK,
     COSTS,
@@ -45,13 +45,8 @@ def factor_panels(
     rows: pd.DataFrame,
     measure: str,
     factors: Sequence[str],
-    *,
-    annealed: bool,
 ) -> None:
-    """Draw a column of the table over some factors, started at the truth; a legend in what is left.
-
-    With ``annealed``, also that of the annealed robust likelihood, started 5 m and 15 degrees off.
-    """
+    """Draw a column of the table over factors, started at the truth; a legend in what is left."""
     panels = axes.ravel()
     for ax, factor in zip(panels, factors, strict=False):
         parameter, words, logarithmic = FACTORS[factor]
@@ -61,10 +56,6 @@ def factor_panels(
             style = cost_line(key) | size | {"marker": COSTS[key].marker}
             ax.plot(unit * chosen[parameter], 100.0 * chosen[measure], **style)
         values = list(chosen[parameter])
-        if annealed:
-            chosen = select(rows, factor, cost="robust", scales=ANNEALING)
-            style = size | {"color": BLACK, "marker": "x", "label": "robust, annealed,\nfrom afar"}
-            ax.plot(unit * chosen[parameter], 100.0 * chosen[measure], **style, zorder=3)
         ax.set(xlabel=words, ylim=(-3.0, 103.0))
         if logarithmic:  # ticks at both ends and at one value between, if possible 1
             middle = 1.0 if min(values) < 1.0 < max(values) else values[len(values) // 2]

@@ -22,9 +22,11 @@ def picture(figure: Figure, alt: str, colours: int = 128) -> str:
     return f'<img alt="{escape(alt)}" style="width:100%" src="data:image/png;base64,{data}">'
 
 
-def animate(name: str, frames: Sequence[str], captions: Sequence[str]) -> str:
-    """Return HTML that shows one frame at a time, chosen with a slider; the first without scripts.
+def animate(name: str, frames: Sequence[str], captions: Sequence[str], *, first: int = 0) -> str:
+    """Return HTML that shows a frame at a time, chosen with a slider; ``first`` without scripts.
 
     Frames are HTML, captions plain text, and ``name`` is an id of the page.
     """
-    return render("slider.html", name=name, frames=list(zip(frames, captions, strict=True)))
+    return render(
+        "slider.html", name=name, frames=list(zip(frames, captions, strict=True)), first=first
+    )

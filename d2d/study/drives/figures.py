@@ -111,7 +111,7 @@ def platform(axes: NDArray[np.object_], mounting: Mounting, sensor: Sensor) -> N
     for panel in axes:
         _field_of_view(panel, mounting, sensor, length=reach, alpha=0.35)
         panel.set(xlabel="x (m)", ylabel="y (m)", aspect="equal")
-    label(far, (0.4 * reach, 0.0), f"{half:.0f}° to each side,\n{reach:g} m far", PURPLE, (0, -8))
+    label(far, (0.4 * reach, 0.0), f"±{half:.0f}°,\nto {reach:g} m", PURPLE, (0, -8))
 
 
 def specification(sensor: Sensor) -> tuple[tuple[str, str, str], ...]:

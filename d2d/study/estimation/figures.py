@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
-from matplotlib.patheffects import withStroke
 
 from d2d._types import Array
 from d2d.study.book.drawing import intervals, label
@@ -18,9 +17,9 @@ from d2d.study.runs import StatedCovariances
 
 # Of each path: its colour, and its name with its place in the plane of t_y (m) and phi (degrees).
 LOOKS = {
-    "gradient descent": (OCHRE, (-0.19, 4.6), "gradient\ndescent\nsteps: {}"),
+    "gradient descent": (OCHRE, (-0.172, 4.6), "gradient\ndescent\nsteps: {}"),
     "Newton": (PURPLE, (0.4, -0.6), "Newton, steps: {}"),
-    "Gauss-Newton": (BLACK, (0.15, 4.2), "Gauss-Newton and\nLevenberg-Marquardt,\nsteps: {}"),
+    "Gauss-Newton": (BLACK, (0.17, 4.2), "Gauss-Newton and\nLevenberg-Marquardt,\nsteps: {}"),
 }
 
 
@@ -37,15 +36,15 @@ def draw_paths(
     lines: dict[str, Any] = {"colors": GREY, "linewidths": 0.5}
     draw, look = (ax.contourf, filled) if iteration is None else (ax.contour, lines)
     draw(t_y, np.rad2deg(angle), cost - cost.min() + 1.0, levels - cost.min(), **look)
+    box = {"facecolor": "white", "edgecolor": "none", "pad": 2.0}
     for name, (color, place, words) in LOOKS.items():
         points = paths[name].points[: None if iteration is None else iteration + 1, 1:]
         drawn = points[:, 0], np.rad2deg(points[:, 1])
         ax.plot(*drawn, "-", color="white", lw=4.5)
         ax.plot(*drawn, ".-", color=color, ms=7, lw=2.0)
         ax.plot(drawn[0][-1], drawn[1][-1], "o", color=color, mec="white", ms=8)
-        halo = [withStroke(linewidth=4.0, foreground="white")]
         text = words.format(len(points) - 1) if len(points) > 1 else ""
-        ax.text(*place, text, color=color, fontsize=9, path_effects=halo)
+        ax.text(*place, text, color=color, fontsize=9, bbox=box)
     ax.grid(False)
     ax.set(xlabel="$t_y$ (m)", ylabel="$φ$ (°)")
 

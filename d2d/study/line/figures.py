@@ -51,7 +51,7 @@ def _rows(
         curve = 0.85 * height / highest - k
         ax.fill_between(x, -k, curve, color=color, alpha=shade, lw=0)
         ax.plot(x, curve, color=color, lw=1.2)
-    ax.set_yticks(-np.arange(len(names)), names)
+    ax.set_yticks(0.85 * heights[:, 0] / highest - np.arange(len(names)) + 0.08, names)
     ax.tick_params(axis="y", length=0)
     ax.set(ylim=(0.4 - len(names), 1.0))
     ax.margins(x=0.0)

@@ -11,7 +11,7 @@ import scipy
 
 from d2d._types import Array
 from d2d.radar import ErrorBudget
-from d2d.study.book.grammar import COVARIANCES, GREY, OCHRE, PURPLE, TRUTH
+from d2d.study.book.grammar import COVARIANCES, GREY, OCHRE, SKY, TRUTH
 from d2d.study.book.style import headline, letter_panels, use_style, write_out_ticks
 from d2d.study.results import results_path
 from d2d.study.road.drive import DATA_SETS, Source
@@ -41,9 +41,9 @@ LOOKS = {
     BARE: (*COVARIANCES["inverse Hessian"][1:3], 7),
     EMPTY: (*COVARIANCES["propagated noise"][1:3], 6),
     CONSTANT: (OCHRE, "s", 5),
-    FACTORS: (PURPLE, "D", 5),
+    FACTORS: (SKY, "D", 5),
     FITTED: (GREY, "o", 5),
-    STORED: (*COVARIANCES["noise and budget"][1:3], 10),
+    STORED: (*COVARIANCES["noise and budget"][1:3], 9),
 }
 
 
@@ -187,6 +187,7 @@ def chart(results: Mapping[str, pd.DataFrame], path: Path) -> None:
     for ax, (name, rows) in zip(axes[0], results.items(), strict=True):
         names: list[str] = []
         for cell, words in zip(CELLS, IN_WORDS, strict=True):
+            ax.axhline(len(names) - 0.5, color="0.8", lw=0.8)
             names.append(words)
             values = by_drive(rows, "ANEES", cell)
             for model in values:
@@ -194,8 +195,9 @@ def chart(results: Mapping[str, pd.DataFrame], path: Path) -> None:
                 color, marker, size = LOOKS[model]
                 look: dict[str, Any] = {"color": color, "marker": marker, "lw": 1.2, "ms": size}
                 if len(own) < 3:
-                    ax.plot(own, [place] * len(own), **look, markevery=[0])
-                    ax.plot(own, [place] * len(own), **look | {"lw": 0}, mfc="white", zorder=1.9)
+                    heights = place + np.linspace(-0.18, 0.18, len(own))  # no mark hides the other
+                    ax.plot(own, heights, **look, markevery=[0])
+                    ax.plot(own, heights, **look | {"lw": 0}, mfc="white", zorder=1.9)
                     worst[model] = max(worst[model], own.max())
                 else:
                     mean, half = mean_with_half(own)
@@ -216,8 +218,9 @@ def chart(results: Mapping[str, pd.DataFrame], path: Path) -> None:
         ax.set_title(f"{name}: {drives}")
         ax.set_yticks(range(len(names)), names)
         for text in ax.get_yticklabels():
-            is_model = text.get_text() in LOOKS
-            text.set(weight="normal" if is_model else "bold", size=8.5)
+            text.set_size(8.5)
+            if text.get_text() not in LOOKS:
+                text.set(weight="bold", ha="left", x=-0.42)
         ax.tick_params(axis="y", length=0)
     letter_panels(axes)
     headline(
