@@ -128,7 +128,9 @@ def bounds_columns(scenario: Scenario, names: Sequence[str], finding: str) -> No
                 shown = errors[order, k], sigma[order, k]
                 error_bands(ax, np.arange(200.0), *shown, LABELS[k], LOOKS[name].color)
                 ratio = np.nanmedian(sigma[:, k]) / rms(errors[:, k])
-                ax.text(5.0, 0.78 * limits[k], f"stated {ratio:.1f} × actual", fontsize=9)
+                look: dict[str, Any] = {"facecolor": "white", "edgecolor": "none", "pad": 1.0}
+                words = f"stated {ratio:.1f} × actual"
+                ax.text(5.0, 0.78 * limits[k], words, fontsize=9, bbox=look)
                 ax.set_xlabel("run, by its stated σ")
                 ax.label_outer()
         headline(figure, finding)
