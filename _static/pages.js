@@ -4,7 +4,7 @@ document.addEventListener("readystatechange", () => { // before the theme looks 
   change("summary, .search-button, .search-button-field", (each) => each.removeAttribute("aria-label")); // they have texts
   change(".measured-scroll", (each) => (each.tabIndex = 0)); // to scroll by keys
   change("article code .pre", (each) => (each.innerHTML = each.innerHTML.replace(BREAKS, "$1<wbr>")));
-  change("article :is(p, li, td, figcaption, .doc)", (each) => each.childNodes.forEach(hold));
+  change("article :is(p, li, td, figcaption, .doc, .caption-text, .ledger-row *)", (each) => each.childNodes.forEach(hold));
   change("article img[style*=height]", ({ style }) => (style.aspectRatio = parseFloat(style.width) / parseFloat(style.height)));
   change("article figure > img:not([style*=height])", (each) => (each.loading = "eager"));
   const part = document.querySelector(".bd-links ul:has(> .current)")?.previousElementSibling; // its heading
@@ -22,9 +22,9 @@ document.addEventListener("readystatechange", () => { // before the theme looks 
   window.addEventListener("hashchange", () => openClaim(rows));
 }, { once: true });
 
-// Spaces at which no line ends: before units, and after the number of a page.
+// Spaces at which no line ends: before units and numbers of things, and after the number of a page.
 const hold = (node) => node.nodeType === Node.TEXT_NODE && (node.data = node.data.replace(HELD, "\u00a0"));
-const HELD = /(?<=\d) (?=(?:m|s|cm|mm|ms|µs|Hz|dB|°|%|kB|MB|GB|rad|targets|runs)(?![\wµ]))|(?<=^\w\d?[ \u00a0]·) /g;
+const HELD = /(?<=\d) (?=(?:m|s|cm|mm|ms|µs|Hz|dB|°|%|kB|MB|GB|rad|targets|runs)(?![\wµ]))|(?<=\b(?:sensors?|sequence|scene|page|chapter)) (?=[A-Z]?\d*\b)|(?<=^\w\d?[ \u00a0]·) /g;
 // Where a name may break: after a dot, an underscore, a bracket or a sign between its parts; not in a number or an option.
 const BREAKS = /([a-z)\]][._=,(/])(?=[\w"-])/gi;
 if (location.protocol === "file:") DOCUMENTATION_OPTIONS.SHOW_SEARCH_SUMMARY = false; // a folder's pages cannot be read
@@ -35,10 +35,12 @@ const WEIGHTS = [
   [/^intro|^chapters\/(?!gallery)/, 12],
   [/./, -4],
 ];
-const asked = new URLSearchParams(location.search).get("q")?.toLowerCase().match(/\w{3,}/g) ?? [];
+const query = new URLSearchParams(location.search).get("q") ?? "";
+const asked = query.toLowerCase().match(/\w{3,}/g) ?? [];
 const inTitle = (title) => asked.filter((word) => title.toLowerCase().includes(word)).length;
 var Scorer = {
-  score: ([page, title, , , score]) => score + WEIGHTS.find(([pages]) => pages.test(page))[1] + 4 * inTitle(title),
+  score: ([page, title, , , score]) => score + WEIGHTS.find(([pages]) => pages.test(page))[1] + 4 * inTitle(title)
+    + (/[A-Z_]/.test(query.slice(1)) && title.split(".").includes(query) ? 40 : 0), // a name of the code
   objNameMatch: 11,
   objPartialMatch: 2,
   objPrio: { 0: 5, 1: 2, 2: -5 },
@@ -68,9 +70,7 @@ function captionsAside() {
 /** Above the ledger: a list of verdicts to choose from and a field to search in. */
 function filterLedger(rows) {
   const form = document.createElement("form");
-  form.className = "ledger-filter";
-  form.role = "search";
-  form.ariaLabel = "Claims shown";
+  Object.assign(form, { className: "ledger-filter", role: "search", ariaLabel: "Claims shown" });
   form.innerHTML = '<label>Verdict <select><option value="">all</option></select></label>'
     + '<label>Search <input type="search"></label><output></output>';
   const [verdict, words, count] = form.querySelectorAll("select, input, output");

@@ -35,7 +35,7 @@ GREY = 20  # of 255 by which the channels of a colour differ: cividis has some, 
 # The style sheet's filter invert(1) hue-rotate(180deg) brightness(1.3) of red, green and blue.
 INVERT = 1.3 * np.array([[-0.574, 1.43, 0.144], [0.426, 0.43, 0.144], [0.426, 1.43, -0.856]])
 RULE = """html[data-theme="dark"] body .bd-content article img[src$="/{name}"] {{
-  background: url("../_images/{dark}") 0 0 / cover no-repeat;
+  background: url("../_images/{dark}") 0 0 / contain no-repeat;
   filter: none;
   object-position: -9999px 0;
 }}

@@ -7,15 +7,14 @@ import itertools
 import re
 from pathlib import Path
 
-import numpy as np
 from docutils import nodes
 from laboratories import LABORATORY
 from PIL import Image, ImageOps
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
-PART = (760, 556)  # pixels of a figure, which has two for each of the page
-SMALL = (380, 278)
+SMALL = (480, 360)  # pixels, the most
+_NAME = re.compile(r"(?:\([^)]*\)|[.:;](?! |$)|[^.:;(])*")  # up to a stop, brackets whole
 _FRAME = re.compile(r"<svg.*?</svg>|<img .*?>", re.DOTALL)
 
 
@@ -60,7 +59,7 @@ def figures(document: nodes.document, address: str, images: str) -> list[nodes.N
         elif frame := _FRAME.search(figure.astext()):  # of an animation
             picture = [nodes.raw("", frame[0], format="html")]
         words = itertools.takewhile(lambda part: not isinstance(part, nodes.math), caption)
-        title = re.split(r"[.:;](?: |$)", "".join(part.astext() for part in words))[0]
+        title = _NAME.match("".join(part.astext() for part in words))[0]
         links.append(entry(title, f"{address}#{figure['ids'][0]}", *picture))
     return links
 
@@ -92,9 +91,8 @@ def write_small(app: Sphinx, error: Exception | None) -> None:
     """Write the small pictures beside the others."""
     for path in (Path(app.outdir) / app.builder.imagedir).glob("*.png"):
         with Image.open(path) as picture:
-            part = picture.convert("RGB").crop((0, 0, *np.minimum(picture.size, PART)))
-            small = ImageOps.fit(part, SMALL, centering=(0, 0))
-            small.save(path.with_suffix(".small.webp"), quality=70)
+            small = ImageOps.contain(picture.convert("RGB"), SMALL)
+            small.save(path.with_suffix(".small.webp"), quality=55)
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
