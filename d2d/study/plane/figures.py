@@ -49,6 +49,7 @@ ROTATIONS: Array = np.deg2rad(np.linspace(-40.0, 40.0, 321))
 IN_LABEL_UNITS = np.array([1.0, 1.0, np.rad2deg(1.0)])
 LABELS = "$t_x$ (m)", "$t_y$ (m)", "φ (°)"
 SEEN = {"summing": "sum: wells", "likelihood": "likelihood: bowl", "robust": "robust: one well"}
+SOFT = 3.0  # dB up to which the axis of the credibility ratios is about linear
 Place = tuple[int, str, float, float]  # of a name: panel, cost, and coordinates
 
 
@@ -162,7 +163,7 @@ def credibility_columns(scenario: Scenario, names: Sequence[str], finding: str) 
 
 def credibility_ratios(ax: Axes, scenario: Scenario, names: Sequence[str]) -> None:
     """Draw the distribution of the credibility ratio of each cost, a row each, with its mean."""
-    edges = np.linspace(-24.0, 24.0, 97)
+    edges = SOFT * np.sinh(np.linspace(-1.0, 1.0, 97) * np.arcsinh(24.0 / SOFT))  # as drawn
     verdicts = []
     for row, name in enumerate(names):
         result, look = evaluated(scenario, COSTS[name]).credibility, LOOKS[name]
@@ -179,6 +180,9 @@ def credibility_ratios(ax: Axes, scenario: Scenario, names: Sequence[str]) -> No
     for text, name in zip(ax.get_yticklabels(), names, strict=True):
         text.set_color(LOOKS[name].color)
     ax.axvline(0.0, **TRUTH)
+    ax.set_xscale("asinh", linear_width=SOFT)
+    write_out_ticks(ax.xaxis, (-20, -10, -5, -2, 0, 2, 5, 10, 20))
+    ax.set_xticks(range(-24, 25), minor=True)  # which show that steps are uneven
     ax.set(xlabel="ratio (dB)", xlim=(edges[0], edges[-1]), ylim=(-len(names) + 0.9, 1.0))
     ax.tick_params(axis="y", length=0)
 
