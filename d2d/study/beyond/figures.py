@@ -1,12 +1,13 @@
 """The figures of the exhaustive evaluation."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.collections import QuadMesh
+from matplotlib.patches import Rectangle
 from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 
@@ -19,51 +20,59 @@ from d2d.study.book.grammar import (
     SHARE_MAP,
     SKY,
     TRUTH,
-    cost_line,
 )
 from d2d.study.book.style import write_out_ticks
 from d2d.study.estimation.covariance_trials import CREDIBLE_INCLINATION
 from d2d.study.plane.scenarios import OVERLAPPED, RANGES
 from d2d.study.runs import StatedCovariances
 
-# For each factor: the parameter of the trial, the label of the axis, and whether it is logarithmic.
-FACTORS: dict[str, tuple[str, str, bool]] = {
-    "noise": ("noise", "noise / nominal", True),
-    "size": ("size", "targets in a scan", True),
-    "outliers": ("outlier_share", "outliers (%)", False),
-    "overlap": ("overlap", "overlap (%)", False),
-    "spacing": ("spacing_m", "minimum spacing (m)", False),
-    "field": ("field_deg", "half field of view (°)", True),
-    "reported": ("reported", "stated / actual σ", True),
+# For each factor: the parameter of the trial and the label of the axis.
+FACTORS: dict[str, tuple[str, str]] = {
+    "noise": ("noise", "noise / nominal"),
+    "size": ("size", "targets in a scan"),
+    "outliers": ("outlier_share", "outliers (%)"),
+    "overlap": ("overlap", "overlap (%)"),
+    "spacing": ("spacing_m", "minimum spacing (m)"),
+    "field": ("field_deg", "half field of view (°)"),
+    "reported": ("reported", "stated / actual σ"),
 }
 # The costs as the stored results name them, and their keys in the grammar.
 STORED = {"sum": "summing", "likelihood": "likelihood", "robust": "robust"}
 
 
-def factor_panels(
-    axes: NDArray[np.object_],
+def factor_cells(
+    ax: Axes,
     rows: pd.DataFrame,
     measure: str,
-    factors: Sequence[str],
-) -> None:
-    """Draw a column of the table over factors, started at the truth; a legend in what is left."""
-    panels = axes.ravel()
-    for ax, factor in zip(panels, factors, strict=False):
-        parameter, words, logarithmic = FACTORS[factor]
-        size, unit = {"ms": 4, "lw": 1.2}, 100.0 if "%" in words else 1.0
-        for cost, key in STORED.items():
-            chosen = select(rows, factor, cost=cost, distance_m=0.0)
-            style = cost_line(key) | size | {"marker": COSTS[key].marker}
-            ax.plot(unit * chosen[parameter], 100.0 * chosen[measure], **style)
-        values = list(chosen[parameter])
-        ax.set(xlabel=words, ylim=(-3.0, 103.0))
-        if logarithmic:  # ticks at both ends and at one value between, if possible 1
-            middle = 1.0 if min(values) < 1.0 < max(values) else values[len(values) // 2]
-            ax.set_xscale("log")
-            write_out_ticks(ax.xaxis, (min(values), middle, max(values)))
-    for ax in panels[len(factors) :]:
-        ax.axis("off")
-        ax.legend(*panels[0].get_legend_handles_labels(), loc="center", labelcolor="linecolor")
+    factor: str,
+    costs: Mapping[str, Mapping[str, Any]],
+    right: tuple[float, float],
+) -> tuple[QuadMesh, NDArray[np.float64], NDArray[np.bool_]]:
+    """Draw a column of the table over a factor in cells, a row for each cost that is selected.
+
+    Frames enclose the shares (%) between both bounds.  Returns the mesh, the values of the factor
+    and which cells of each row are framed.
+    """
+    parameter, words = FACTORS[factor]
+    found = [select(rows, factor, **chosen).sort_values(parameter) for chosen in costs.values()]
+    shares = 100.0 * np.array([each[measure] for each in found])
+    values = found[0][parameter].to_numpy() * (100.0 if "%" in words else 1.0)
+    look: dict[str, Any] = {"vmin": 0.0, "vmax": 100.0, "cmap": SHARE_MAP, "rasterized": True}
+    mesh = ax.pcolormesh(shares, edgecolor="white", linewidth=0.5, **look)
+    framed = (shares >= right[0]) & (shares <= right[1])
+    for row, cells in enumerate(framed):
+        for start, end in np.flatnonzero(np.diff([0, *cells, 0])).reshape(-1, 2):
+            corner, size = (start + 0.15, row + 0.15), (end - start - 0.3, 0.7)
+            ax.add_patch(Rectangle(corner, *size, fill=False, color=BLACK, lw=1.4))
+    ax.set_xticks(np.arange(len(values)) + 0.5, [f"{value:g}" for value in values])
+    ax.set_yticks(np.arange(len(costs)) + 0.5, list(costs))
+    for text, chosen in zip(ax.get_yticklabels(), costs.values(), strict=False):
+        text.set_color(COSTS[STORED[chosen["cost"]]].color)
+    ax.set(xlabel=words, ylim=(len(costs), 0))
+    ax.grid(False)
+    ax.tick_params(length=0)
+    ax.spines[:].set_visible(False)
+    return mesh, values, framed
 
 
 def start_map(ax: Axes, rows: pd.DataFrame, cost: str, scales: str, title: str) -> QuadMesh:
