@@ -120,8 +120,11 @@ def covariance_panel(ax: Axes, covariances: dict[str, StatedCovariances], title:
     ax.axvline(0.0, **TRUTH)
     heights = np.arange(len(covariances))[::-1]
     kinds = ("inverse Hessian", "inverse Hessian", 0.2), ("propagated", "propagated noise", -0.2)
-    for kind, name, lift in kinds:
-        values = [both.credibility(kind).inclination for both in covariances.values()]
+    found = [
+        [both.credibility(kind).inclination for both in covariances.values()] for kind, *_ in kinds
+    ]
+    ax.plot(found, [heights + 0.2, heights - 0.2], color=GREY, lw=0.9, zorder=1.8)
+    for (_, name, lift), values in zip(kinds, found, strict=True):
         ax.plot(values, heights + lift, **COVARIANCES[name].marks, ms=6)
     ax.set_yticks(heights, covariances)
     ax.set_xscale("symlog", linthresh=1.0, linscale=0.7)
