@@ -333,6 +333,7 @@ globalThis.labs = (() => {
       high = 1e3,
     }) {
       const group = svg("g", { class: "lab-handle", role: "slider", "aria-label": name });
+      group.addEventListener("touchstart", (event) => event.preventDefault(), { passive: false }); // WebKit: no touch-action in SVG
       group.addEventListener("focus", () => this.stop(handle));
       group.append(svg("circle", { class: "lab-reach", r: 20 }), ...[].concat(draw));
       const to = (x, y) => {
@@ -379,7 +380,6 @@ globalThis.labs = (() => {
         to(x + size * by[0], y + size * by[1]);
         event.preventDefault();
       });
-      this.front.append(group);
       const handle = {
         group,
         grab,
@@ -395,7 +395,7 @@ globalThis.labs = (() => {
         },
       };
       this.handles.push(handle);
-      return group;
+      this.front.append(group);
     }
 
     /** Of the handles whose reach an event is in, the nearest: reaches overlap, and the last drawn would win. */

@@ -243,21 +243,29 @@ def assert_agrees_with_python(hand: Hand) -> Array:
 
 @EACH_LAB
 def test_pointer_and_keys_change_it_to_what_d2d_gives(lab: Laboratory, hand: Hand, address: str):
-    """By mouse, finger and keys; nothing complains, and nothing is fetched after the page."""
+    """By mouse, finger and keys; nothing complains, and nothing is fetched after the page.
+
+    The page does not scroll away under a finger on a handle, and does so beside the handles.
+    """
     hand.open(f"{address}{lab.page}.html")
     begun = hand.driver.execute_script("return performance.now()")
     assert_agrees_with_python(hand)
     if lab.handle:
         handle = hand.find(f"[aria-label^='{lab.handle}']")
+        hand.driver.execute_script("arguments[0].onpointercancel = console.error", handle)
         for gesture in (
             partial(hand.drag, "mouse", handle, 14.0, 9.0),
-            partial(hand.drag, "finger", handle, 14.0, 9.0),
+            partial(hand.drag, "finger", handle, -40.0, -25.0),
             partial(handle.send_keys, Keys.ARROW_RIGHT, Keys.ARROW_UP),
         ):
             state = hand.ask("lab.state")
             gesture()
             assert hand.ask("lab.state") != state
             assert_agrees_with_python(hand)
+        beside = hand.find(".lab-axes text:last-child")
+        top = hand.ask("scrollY")
+        hand.drag("finger", beside, 0.0, -60.0)
+        browser.wait(hand.driver, f"return scrollY > {top}")
     if lab.slider:
         state = f"lab.state.{lab.slider}"
         value = hand.ask(state)
