@@ -31,7 +31,7 @@ labs.define(
       label: "Errors of the translation",
       xlabel: "error in x (m)",
       ylabel: "error in y (m)",
-      shape: 0.95,
+      shape: 0.75,
       narrow: 0.46,
       equal: true,
     });
@@ -39,7 +39,7 @@ labs.define(
       label: "Histogram of the NEES",
       xlabel: "NEES",
       ylabel: "share of runs",
-      shape: 0.95,
+      shape: 0.75,
       narrow: 0.46,
     });
 
@@ -221,7 +221,7 @@ labs.define(
         ),
         bar(
           lab.slider("stated", {
-            label: "stated σ over actual σ",
+            label: "stated over actual σ",
             min: 0.3,
             max: 3,
             step: 0.05,

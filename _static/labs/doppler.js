@@ -243,18 +243,13 @@ labs.define(
     lab.changed = (key) => {
       if (key === "reset" || key === "drive") revealed = false;
     };
-    const steer = (target) => {
-      const from = steered();
-      lab.animate(
+    const steer = (target) =>
+      lab.follow(
+        [steered(), target],
         1,
-        (share) => {
-          const [vx, vy, w] = from.map((each, i) => each + share * (target[i] - each));
-          Object.assign(lab.state, { vx, vy, w: w / DEGREE });
-          lab.update();
-        },
+        ([vx, vy, w]) => Object.assign(lab.state, { vx, vy, w: w / DEGREE }),
         () => lab.touched(),
       );
-    };
 
     lab.python = () => {
       const { before, now } = scans();

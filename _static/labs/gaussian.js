@@ -136,10 +136,7 @@ labs.define(
     };
 
     lab.build(
-      [
-        plot.box,
-        bar(lab.next("Other draws", "seed"), ...lab.tools()),
-      ],
+      [plot.box, bar(lab.next("Other draws", "seed"), ...lab.tools())],
       draw,
     );
   },

@@ -460,7 +460,8 @@ globalThis.labs = (() => {
       this.spoken = html("p", { class: "visually-hidden", "aria-live": "polite" });
       this.words = html("div", {});
       this.numbers = fold("Numbers"); // open where there is room
-      this.told = html("div", { class: "lab-told" }, this.words, this.numbers);
+      this.numbers.classList.add("lab-numbers");
+      this.told = html("div", { class: "lab-told" }, this.words);
       const unfold = () => (this.numbers.open = !phone.matches);
       phone.addEventListener("change", unfold);
       unfold();
@@ -593,7 +594,7 @@ globalThis.labs = (() => {
       const printed = html("div", { class: "lab-printed" }, ...this.element.childNodes),
         picture = parts.findLastIndex((part) => part.matches(".lab-plot") || part.querySelector(".lab-plot"));
       if (!parts.includes(this.told)) parts.splice(picture < 0 ? parts.length : picture + 1, 0, this.told);
-      parts.splice(parts.indexOf(this.told) + 1, 0, ...stepper(this));
+      parts.push(this.numbers, ...stepper(this)); // what grows stands below the controls
       this.element.replaceChildren(html("div", { class: "lab-main" }, ...parts), this.spoken, printed);
       this.element.classList.add("lab-live");
       addEventListener("hashchange", () => {
@@ -605,12 +606,13 @@ globalThis.labs = (() => {
         this.show();
       });
       const shown = this.read();
-      if (shown) this.begin();
+      if (shown) (this.begin(), this.changed?.("address"));
       this.draw();
       let width = this.element.clientWidth;
       new ResizeObserver(() => {
         if (this.element.clientWidth === width) return;
         width = this.element.clientWidth;
+        this.words.style.minHeight = "";
         this.update();
       }).observe(this.element);
       if (shown) this.show();
@@ -639,6 +641,7 @@ globalThis.labs = (() => {
       this.controls.forEach((refresh) => refresh());
       this.drawing();
       this.plots.forEach((plot) => plot.place());
+      this.words.style.minHeight = `${this.words.offsetHeight}px`; // fewer words do not move what is below
       this.took = performance.now() - began;
     }
 
@@ -695,7 +698,7 @@ globalThis.labs = (() => {
       this.running = requestAnimationFrame(next);
     }
 
-    /** Animate along the points of a path: `frame` gets each point between them. */
+    /** Animate along the points of a path: `frame` gets each point between them, and how many are behind it. */
     follow(path, seconds, frame, done) {
       this.animate(
         Math.min(seconds, 0.3 * path.length),
@@ -703,7 +706,8 @@ globalThis.labs = (() => {
           const at = share * (path.length - 1),
             i = Math.floor(at),
             next = path[Math.min(i + 1, path.length - 1)];
-          frame(path[i].map((value, j) => value + (at - i) * (next[j] - value)));
+          const between = path[i].map((value, j) => value + (at - i) * (next[j] - value));
+          frame(between, i);
           this.update();
         },
         done,

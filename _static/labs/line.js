@@ -40,7 +40,7 @@ labs.define(
     const curve = lab.plot({
       label: "The cost over the translation",
       xlabel: "translation tₓ (m)",
-      shape: 0.37,
+      shape: 0.31,
       narrow: 0.55,
     });
     let result = null,

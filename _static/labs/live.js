@@ -186,12 +186,13 @@ labs.define(
         now = `Shifted by ${number(x)} m and ${number(y)} m, turned by ${number(turn, 0)}°.`,
         end = [labs.inlineMark(cost), ` The ${COSTS[cost].name} ends `, ...labs.verdict(found, TRUTH)];
       const outcome = html("p", { class: "lab-outcome" }, ...(arrived ? end : [now]));
-      lab.tell(lab.state.outlier ? [outcome, challenge()] : outcome);
+      lab.tell([outcome, challenge()]);
     }
 
     const best = { summing: 0, likelihood: 0, robust: 0 };
     /** How wrong the outlier makes a covariance, where the start is not to blame. */
     function challenge() {
+      if (!lab.state.outlier) return html("p", {}, "Challenge: add the outlier, and drag it to where the cost errs most.");
       const { theta, covariance: stated } = d2d.register(problem(), TRUTH),
         off = theta.map((each, i) => each - TRUTH[i]),
         score = stated ? Math.sqrt(d2d.nees(off, stated)) : 0,

@@ -27,6 +27,8 @@ labs.define(
       DEGREE = Math.PI / 180,
       REACH = 10;
     const { sigmaRange: SIGMA_RANGE, sigmaAzimuth: SIGMA_AZIMUTH } = SCENE,
+      SQUARE = { shape: 0.82, narrow: 1, equal: true }, // of both pictures
+      STREET = { step: 0.2, low: -40, high: 70 }, // m, where targets can be
       MOST = 20; // targets of a scan
     const TRUE = labs.SCENE_TARGETS;
     const sized = (list) => list.length >= 6 && list.length <= 2 * MOST && list.length % 2 === 0;
@@ -37,17 +39,13 @@ labs.define(
       label: "Both scans",
       xlabel: "x (m)",
       ylabel: "y (m)",
-      shape: 0.9,
-      narrow: 1,
-      equal: true,
+      ...SQUARE,
     });
     const map = lab.plot({
       label: "The cost over the translation",
       xlabel: "off in x (m)",
       ylabel: "off in y (m)",
-      shape: 0.9,
-      narrow: 1,
-      equal: true,
+      ...SQUARE,
       heat: true,
     });
 
@@ -71,9 +69,7 @@ labs.define(
       scene.handle({
         name: `Target ${letter(i)} of the previous scan F`,
         scan: "F",
-        step: 0.2,
-        low: -40,
-        high: 70,
+        ...STREET,
         draw: targetMark("fixed"),
         hidden: () => 2 * i >= lab.state.fixed.length,
         get: () => lab.state.fixed.slice(2 * i, 2 * i + 2),
@@ -85,9 +81,7 @@ labs.define(
       scene.handle({
         name: `Target ${letter(i)} of the current scan M, at the true motion`,
         scan: "M",
-        step: 0.2,
-        low: -40,
-        high: 70,
+        ...STREET,
         draw: [knob, svg("text", { x: 9, y: -7 }, letter(i))],
         hidden: () => 2 * i >= lab.state.moving.length,
         get: () => {
@@ -99,7 +93,8 @@ labs.define(
       return knob;
     });
 
-    let shownAt = null; // while the descent is watched: the motion at which M is drawn
+    let watched = false, // the descent is drawn once it was watched, or something moved
+      walked = null; // while it is watched: its steps so far, and the motion at which M is drawn
     function drawScene(found) {
       scene.extent([-3, 38], [-19, 20]);
       scene.clear();
@@ -107,11 +102,11 @@ labs.define(
       scene.text(1.2, -1.8, scene.w > 200 ? "radar" : "");
       for (const target of targets(lab.state.fixed))
         scene.ellipse(target.x, target.y, target, 3 * lab.state.inflate, "lab-soft");
-      const place = shownAt ?? TRUTH;
+      const place = walked?.at(-1) ?? TRUTH;
       targets(lab.state.moving).forEach((target, k) => {
         const there = d2d.move(target, place);
         scene.ellipse(there.x, there.y, there, 3 * lab.state.inflate, "lab-line lab-moving");
-        if (shownAt) scene.target("moving", there.x, there.y);
+        if (walked) scene.target("moving", there.x, there.y);
         if (marks[k]) marks[k].style.fillOpacity = found.shares[k];
       });
     }
@@ -187,9 +182,11 @@ labs.define(
       const off = (theta) => [theta[0] - TRUTH[0], theta[1] - TRUTH[1]];
       for (const axis of ["x", "y"]) map.rule(axis, 0, "lab-cross");
       if (lab.state.basin) paintBasin();
-      map.line(found.path.map(off), "lab-over");
-      found.path.slice(1).forEach((theta) => map.mark("circle", ...off(theta), 2.5, "lab-step"));
-      for (const [name, other] of Object.entries(others)) {
+      if (!watched) return;
+      const path = walked ?? found.path;
+      map.line(path.map(off), "lab-over");
+      path.slice(1).forEach((theta) => map.mark("circle", ...off(theta), 2.5, "lab-step"));
+      for (const [name, other] of Object.entries(walked ? {} : others)) {
         const [x, y] = off(other.theta),
           own = name === lab.state.cost;
         if (own && other.covariance) {
@@ -241,19 +238,21 @@ labs.define(
         "p",
         {},
         `Challenge: this start, ${number(far, 1)} m away, ${arrives ? "arrives" : "does not arrive"} `,
-        `where one at the truth ends. Your record: ${number(basin.record, 1)} m.`,
+        `where one at the truth ends.${basin.record ? ` Your record: ${number(basin.record, 1)} m.` : ""}`,
       );
     }
 
     function watch() {
       const { path } = lab.result.found;
+      watched = true;
       lab.follow(
         path,
         3,
-        (theta) => (shownAt = theta),
+        (theta, passed) => (walked = [...path.slice(0, passed + 1), theta]),
         () =>
           setTimeout(() => {
-            shownAt = null;
+            walked = null;
+            lab.begin();
             lab.update();
           }, 900),
       );
@@ -310,8 +309,9 @@ labs.define(
       );
     };
 
-    lab.changed = () => {
-      shownAt = null;
+    lab.changed = (key) => {
+      walked = null;
+      watched = key !== "reset";
     };
     lab.build(
       [
