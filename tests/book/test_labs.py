@@ -413,9 +413,7 @@ FACTS = (
     Fact("lab-credible", "who=one&echoes=5", ANEES, "D alone it is about {:.0f}"),
     Fact("lab-credible", "bias=0.2", ANEES, "m the ANEES is about {:.0f}"),
     Fact("lab-gaussian", "px=1.73&py=1", "lab.result.distance", "It is {:.1f} along the long axis"),
-    Fact(
-        "lab-gaussian", "px=-1&py=1.73", "lab.result.distance", "{:.1f} along the short one, where"
-    ),
+    Fact("lab-gaussian", "px=-1&py=1.73", "lab.result.distance", "{:.1f} along the short one"),
     Fact(
         "lab-live", "cost=likelihood", OFF.format("[2, 0.5]"), "ends {:.2f} m from the true motion"
     ),
