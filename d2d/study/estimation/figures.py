@@ -46,7 +46,7 @@ def draw_paths(
         text = words.format(len(points) - 1) if len(points) > 1 else ""
         ax.text(*place, text, color=color, fontsize=9, bbox=box)
     ax.grid(False)
-    ax.set(xlabel="$t_y$ (m)", ylabel="$φ$ (°)")
+    ax.set(xlabel="$t_y$ (m)", ylabel=r"$\varphi$ (°)")
 
 
 def propagation_panel(
@@ -93,7 +93,7 @@ def stated_over_actual(ax: Axes, studies: Mapping[str, tuple[str, StatedCovarian
     names: list[str] = []
     for name, (_, study) in studies.items():
         rows = len(names) + np.arange(3)
-        names += [f"{name}  $t_x$", "$t_y$", "φ"]
+        names += [f"{name}  $t_x$", "$t_y$", r"$\varphi$"]
         for kind, look, shift in (
             ("inverse Hessian", "inverse Hessian", -0.17),
             ("propagated", "propagated noise", 0.17),

@@ -47,7 +47,7 @@ SCALE = (1, 10, 100, 1000)  # of the colours of −log density above its minimum
 LEVELS = (1, 10, 30, 100, 300, 1000)
 ROTATIONS: Array = np.deg2rad(np.linspace(-40.0, 40.0, 321))
 IN_LABEL_UNITS = np.array([1.0, 1.0, np.rad2deg(1.0)])
-LABELS = "$t_x$ (m)", "$t_y$ (m)", "φ (°)"
+LABELS = "$t_x$ (m)", "$t_y$ (m)", r"$\varphi$ (°)"
 SEEN = {"summing": "sum: wells", "likelihood": "likelihood: bowl", "robust": "robust: one well"}
 SOFT = 3.0  # dB up to which the axis of the credibility ratios is about linear
 Place = tuple[int, str, float, float]  # of a name: panel, cost, and coordinates
@@ -88,7 +88,7 @@ def cost_panels(
             label(cuts, place, look.name.split()[0], look.color, (0, -11 if below else 2))
         cuts.axvline(0.0, **TRUTH)
         cuts.set(yscale="log", ylim=(LOWEST_COST, 8e3), title="(d) over the rotation")
-        cuts.set(xlabel="φ − truth (°)", ylabel="−log density", xmargin=0.0)
+        cuts.set(xlabel=r"$\varphi$ − truth (°)", ylabel="−log density", xmargin=0.0)
         cost_bar(figure, mesh, maps)
         headline(figure, finding)
 
