@@ -9,6 +9,7 @@ document.addEventListener("readystatechange", () => { // before the theme looks 
   change("article figure > img:not([style*=height])", (each) => (each.loading = "eager"));
   const part = document.querySelector(".bd-links ul:has(> .current)")?.previousElementSibling; // its heading
   sessionStorage.setItem("sidebar-scroll-top", part ? part.getBoundingClientRect().top - 0.3 * innerHeight : 0);
+  document.addEventListener("click", ({ target }) => target.closest("dialog nav a") && target.closest("dialog").close());
   if (innerWidth >= 1200) captionsAside();
   if (typeof Search !== "undefined") Search.htmlToText = prose;
   const rows = [...document.querySelectorAll(".ledger-row")];
@@ -24,7 +25,7 @@ document.addEventListener("readystatechange", () => { // before the theme looks 
 
 // Spaces at which no line ends: before units and numbers of things, and after the number of a page.
 const hold = (node) => node.nodeType === Node.TEXT_NODE && (node.data = node.data.replace(HELD, "\u00a0"));
-const HELD = /(?<=\d) (?=(?:m|s|cm|mm|ms|µs|Hz|dB|°|%|kB|MB|GB|rad|targets|runs)(?![\wµ]))|(?<=\b(?:sensors?|sequence|scene|page|chapter)) (?=[A-Z]?\d*\b)|(?<=^\w\d?[ \u00a0]·) /g;
+const HELD = /(?<=\d) (?=(?:\d{3}\b|m|s|cm|mm|ms|µs|Hz|dB|°|%|kB|MB|GB|rad|targets|runs)(?![\wµ]))|(?<=\b(?:sensors?|sequence|scene|page|chapter)) (?=[A-Z]?\d*\b)|(?<=^\w\d?[ \u00a0]·) /g;
 // Where a name may break: after a dot, an underscore, a bracket or a sign between its parts; not in a number or an option.
 const BREAKS = /([a-z)\]][._=,(/])(?=[\w"-])/gi;
 if (location.protocol === "file:") DOCUMENTATION_OPTIONS.SHOW_SEARCH_SUMMARY = false; // a folder's pages cannot be read
@@ -36,8 +37,7 @@ const WEIGHTS = [
   [/./, -4],
 ];
 const query = new URLSearchParams(location.search).get("q") ?? "";
-const asked = query.toLowerCase().match(/\w{3,}/g) ?? [];
-const inTitle = (title) => asked.filter((word) => title.toLowerCase().includes(word)).length;
+const inTitle = (title) => query.toLowerCase().match(/\w{3,}/g)?.filter((word) => title.toLowerCase().includes(word)).length ?? 0;
 var Scorer = {
   score: ([page, title, , , score]) => score + WEIGHTS.find(([pages]) => pages.test(page))[1] + 4 * inTitle(title)
     + (/[A-Z_]/.test(query.slice(1)) && title.split(".").includes(query) ? 40 : 0), // a name of the code
