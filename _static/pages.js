@@ -9,7 +9,7 @@ document.addEventListener("readystatechange", () => { // before the theme looks 
   change("article figure > img:not([style*=height])", (each) => (each.loading = "eager"));
   const part = document.querySelector(".bd-links ul:has(> .current)")?.previousElementSibling; // its heading
   sessionStorage.setItem("sidebar-scroll-top", part ? part.getBoundingClientRect().top - 0.3 * innerHeight : 0);
-  document.addEventListener("click", ({ target }) => target.closest("dialog nav a") && target.closest("dialog").close());
+  change("nav.page-toc a", (each) => (each.onclick = () => void (document.getElementById("pst-secondary-sidebar-checkbox").checked = false)));
   if (innerWidth >= 1200) captionsAside();
   if (typeof Search !== "undefined") Search.htmlToText = prose;
   const rows = [...document.querySelectorAll(".ledger-row")];

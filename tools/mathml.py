@@ -14,6 +14,7 @@ CONVERTER = LatexToMathML(fancy_error=False)
 CLASSES = "math notranslate nohighlight"
 LOGGER = logging.getLogger(__name__)
 DESCENDER = re.compile("(?<=<msub>|ubsup>)<mi>[fgjpqyβγζημξρϱφϕχψ]</mi>")
+TALL = re.compile("(?<=<msup>|ubsup>)(?:<mi>[A-ZΓΔΘΛΞΠΣΦΨΩbdfhklt]</mi>|<mover.*?</mover>)")
 HELD = re.compile(r'[(“‘]*<span class="math .*?</span>[.,;:!?)’”–]*')
 
 
@@ -26,7 +27,8 @@ def typeset(node: nodes.Element, display: bool) -> str:
         LOGGER.warning("formula %s: %s", tex, error, location=node)
         return tex
     formula = formula.replace('−</mo><mspace width="0.1667em"/>', "−</mo>")  # a sign, no operation
-    return DESCENDER.sub(r'<mpadded depth="0">\g<0></mpadded>', formula)
+    formula = DESCENDER.sub(r'<mpadded depth="0">\g<0></mpadded>', formula)
+    return TALL.sub(r'<mpadded height="0.55em">\g<0></mpadded>', formula)  # as over low letters
 
 
 def visit_inline(translator: Any, node: nodes.math) -> None:
