@@ -544,10 +544,7 @@ globalThis.labs = (() => {
 
     /** What every laboratory ends with: back to the first view, on to others, and to one's own computations. */
     tools() {
-      const reset = this.button("Start over", () => {
-        Object.assign(this.state, structuredClone(this.defaults));
-        this.touched("reset");
-      });
+      const reset = this.button("Start over", () => this.startOver());
       const copy = this.button("Copy link", async () => {
         const link = location.href.split("#")[0] + this.address();
         try {
@@ -581,6 +578,11 @@ globalThis.labs = (() => {
       const fold = this.element.closest("details");
       if (fold) fold.open = true;
       this.element.scrollIntoView({ block: this.element.offsetHeight < innerHeight ? "nearest" : "start" });
+    }
+
+    startOver() {
+      Object.assign(this.state, structuredClone(this.defaults));
+      this.touched("reset");
     }
 
     /** Tell what comes out, which waits for a guess or for something moved. */
@@ -861,6 +863,7 @@ globalThis.labs = (() => {
     let shown = 0;
     const title = html("strong", { "aria-live": "polite" });
     const go = (by) => {
+      if (guess && shown === 0 && by > 0) lab.startOver(); // the first step finds what it describes, not what was seen
       shown = clamp(shown + by, 0, pages.length - 1);
       title.textContent = pages[shown][0];
       pages.forEach(([, page], i) => (page.hidden = i !== shown));
