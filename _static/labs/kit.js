@@ -173,7 +173,7 @@ globalThis.labs = (() => {
         });
       }
       this.axes.replaceChildren(svg("rect", { class: "lab-frame", x: left, y: top, width: w, height: h }));
-      const across = ticks(x, clamp(w / 70, 3, 8));
+      const across = ticks(x, clamp(w / 55, 3, 8));
       for (const value of this.xTicks ? across.values : []) {
         const at = this.X(value);
         this.axes.append(
