@@ -14,7 +14,7 @@ CONVERTER = LatexToMathML(fancy_error=False)
 CLASSES = "math notranslate nohighlight"
 LOGGER = logging.getLogger(__name__)
 DESCENDER = re.compile("(?<=<msub>|ubsup>)<mi>[fgjpqyβγζημξρϱφϕχψ]</mi>")
-TALL = re.compile("(?<=<msup>|ubsup>)(?:<mi>[A-ZΓΔΘΛΞΠΣΦΨΩbdfhklt]</mi>|<mover.*?</mover>)")
+TALL = re.compile("(?<=<msup>|ubsup>)(?:<m[io][^>]*>[A-ZΓΔΘΛΣΦΩbdfhklt)‖|]</m.>|<mover.*?</mover>)")
 HELD = re.compile(r'[(“‘]*<span class="math .*?</span>[.,;:!?)’”–]*')
 
 
