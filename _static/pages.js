@@ -25,7 +25,7 @@ document.addEventListener("readystatechange", () => { // before the theme looks 
 
 // Spaces at which no line ends: before units and numbers of things, and after the number of a page.
 const hold = (node) => node.nodeType === Node.TEXT_NODE && (node.data = node.data.replace(HELD, "\u00a0"));
-const HELD = /(?<=\d) (?=(?:\d{3}\b|m|s|cm|mm|ms|µs|Hz|dB|°|%|kB|MB|GB|rad|targets|runs)(?![\wµ]))|(?<=\b(?:sensors?|sequence|scene|page|chapter)) (?=[A-Z]?\d*\b)|(?<=^\w\d?[ \u00a0]·) /g;
+const HELD = /(?<=\d) (?=(?:\d{3}\b|m|s|cm|mm|ms|µs|Hz|dB|°|%|kB|MB|GB|rad|targets|runs)(?![\wµ]))|(?<=\b(?:sensors?|sequence|scene|page|chapter)) (?=[A-Z]\b|\d)|(?<=^\w\d?[ \u00a0]·) /g;
 // Where a name may break: after a dot, an underscore, a bracket or a sign between its parts; not in a number or an option.
 const BREAKS = /([a-z)\]][._=,(/])(?=[\w"-])/gi;
 if (location.protocol === "file:") DOCUMENTATION_OPTIONS.SHOW_SEARCH_SUMMARY = false; // a folder's pages cannot be read
