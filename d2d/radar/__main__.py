@@ -1,8 +1,6 @@
 """`python -m d2d.radar`: from a recording to a path, without writing Python."""
 
-import sys
-
 from d2d.radar.cli import main
 
 if __name__ == "__main__":
-    sys.exit(main())
+    raise SystemExit(main())

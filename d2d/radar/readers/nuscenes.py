@@ -39,6 +39,7 @@ NUSCENES_BUDGET = ErrorBudget(
     doppler=0.055,
     scale=0.0026,
     lag=0.03,
+    sway=float(np.deg2rad(0.1)),
     neighbours=1.0,
     source="nuScenes, five radars, fitted to scenes 0061 and 0103, then widened",
 )

@@ -32,6 +32,8 @@ class ErrorBudget(Bounded):
         Where the numbers come from.
     v_x, v_y, omega : float, m/s, m/s, rad/s
         Of errors of the velocity itself; with those of `fit_budget`, leave the others at zero.
+    sway : float, rad/s
+        Of the vehicle's own yaw rate about the mean that an interval of scans shows.
     """
 
     azimuth: float = number(0.0, ANGLE._replace(least=0.0))
@@ -43,3 +45,4 @@ class ErrorBudget(Bounded):
     v_x: float = number(0.0, _SIGMA)
     v_y: float = number(0.0, _SIGMA)
     omega: float = number(0.0, _SIGMA)
+    sway: float = number(0.0, _SIGMA)

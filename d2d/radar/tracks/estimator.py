@@ -58,12 +58,6 @@ class VelocityEstimate(NamedTuple):
         return not self.reason
 
 
-def filtered(row: VelocityEstimate, belief: Mixture) -> VelocityEstimate:
-    """The row with the velocity of a belief, which may rest on later estimates too."""
-    errors = belief.errors
-    return row._replace(theta=belief.mean[:3], covariance=errors[1, :3, :3], errors=errors)
-
-
 @dataclass
 class OdometryEstimator:
     """Estimates the velocity of one round after the other, and remembers the last accepted one.
@@ -106,6 +100,14 @@ class OdometryEstimator:
         """The row of a round of which nothing is known."""
         unknown, span = np.full((3, 3), np.nan), (current.time, current.interval)
         return VelocityEstimate(*span, self._near, unknown, reason, 0, np.nan, None, None)
+
+    def filtered(self, row: VelocityEstimate, belief: Mixture) -> VelocityEstimate:
+        """The row with the velocity of a belief, which may rest on later estimates too."""
+        errors = belief.errors
+        covariance = errors[1, :3, :3].copy()
+        if self.budget is not None and belief.rate is None:  # a gyro sees the sway
+            covariance[2, 2] += self.budget.sway**2
+        return row._replace(theta=belief.mean[:3], covariance=covariance, errors=errors)
 
     @property
     def _near(self) -> Array:
@@ -161,7 +163,7 @@ class OdometryEstimator:
                 belief = begin(time, raw, first, bias)
                 belief = belief if rate is None else update_yaw_rate(belief, rate)
             self.belief = self.guessed = belief
-            row = filtered(row._replace(filter_input=raw), belief)
+            row = self.filtered(row._replace(filter_input=raw), belief)
             if self.records is not None:
                 self.records.append(belief)
         self.last, self.velocity = state, estimate.theta

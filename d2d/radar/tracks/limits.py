@@ -88,14 +88,11 @@ class VehicleLimits:
             return ""
         interval = state.time - last.time
         enough = min(interval, math.sqrt(interval * _HARD))
-        limits = self.acceleration, self.acceleration, self.yaw_acceleration
-        before = last.theta.tolist(), np.sqrt(last.covariance.diagonal()).tolist()
+        spread = np.sqrt((state.covariance + last.covariance).diagonal())
+        limits = np.array([self.acceleration, self.acceleration, self.yaw_acceleration])
+        change = np.abs(state.theta - last.theta)
         units = "m/s^2 along x", "m/s^2 along y", "rad/s^2"
-        for now, sigma, then, spread, limit, unit in zip(
-            theta, sigmas, *before, limits, units, strict=True
-        ):
-            change = abs(now - then)
-            if change > limit * enough + _SIGMAS * math.hypot(sigma, spread):
-                kind = "an acceleration" if unit.startswith("m") else "a yaw acceleration"
-                return f"{kind} of {change / interval:.1f} {unit}"
+        for i in np.flatnonzero(change > limits * enough + _SIGMAS * spread):
+            kind = "a yaw acceleration" if i == 2 else "an acceleration"
+            return f"{kind} of {change[i] / interval:.1f} {units[i]}"
         return ""

@@ -56,10 +56,9 @@ def draw(driven: Any) -> Figure:
         axes[3].plot(times, driven.inliers, MARKER, ms=2, color=COLOR)
         axes[3].set(ylabel="inlier share", ylim=(-0.05, 1.05))
     for ax in axes:
-        if not converged.all():
-            bottom = np.full(np.count_nonzero(~converged), 0.04)  # of the axes' height
-            where = ax.get_xaxis_transform()
-            ax.plot(times[~converged], bottom, "|", color=_FAILED, transform=where)
+        bottom = np.full(np.count_nonzero(~converged), 0.04)  # of the axes' height
+        where = ax.get_xaxis_transform()
+        ax.plot(times[~converged], bottom, "|", color=_FAILED, transform=where)
         ax.tick_params(labelbottom=ax is axes[-1])
     axes[-1].set_xlabel("time (s)")
     return figure

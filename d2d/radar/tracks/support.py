@@ -42,9 +42,8 @@ def support_of(times: Array, intervals: Array, converged: NDArray[np.bool_]) -> 
             continue
         first = times[rows[0]] - np.nan_to_num(intervals[rows[0]])
         total += times[rows[-1]] - first
-        longest = max(
-            _BRIDGED[0], _BRIDGED[1] * float(np.median(np.diff(times[rows], prepend=first)))
-        )
+        usual = float(np.median(np.diff(times[rows], prepend=first)))
+        longest = max(_BRIDGED[0], _BRIDGED[1] * usual)
         in_a_row = np.ones(min(_ROW, len(rows)))
         good = times[rows][scipy.ndimage.binary_opening(converged[rows], in_a_row)]
         known = np.concatenate([[first], good, times[rows[-1:]]])

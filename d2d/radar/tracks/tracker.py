@@ -13,7 +13,7 @@ from d2d._checks import check_count, check_finite, check_flag, check_instance
 from d2d.radar.motion.model import EstimationOptions, split_options
 from d2d.radar.scans.budget import ErrorBudget
 from d2d.radar.scans.scan import Mounting, RadarScan, level
-from d2d.radar.tracks.estimator import OdometryEstimator, VelocityEstimate, filtered
+from d2d.radar.tracks.estimator import OdometryEstimator, VelocityEstimate
 from d2d.radar.tracks.filter import smooth_twice
 from d2d.radar.tracks.gyro import Gyro, GyroRates
 from d2d.radar.tracks.intake import ScanGate, usable
@@ -126,7 +126,7 @@ def track(
     rows = [estimator.step(each) for each in _counted(groups, progress)]
     if estimator.records:
         beliefs = iter(smooth_twice(estimator.records))
-        rows = [filtered(row, next(beliefs)) if row.converged else row for row in rows]
+        rows = [estimator.filtered(row, next(beliefs)) if row.converged else row for row in rows]
     return track_of(rows)
 
 

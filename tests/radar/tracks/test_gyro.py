@@ -43,10 +43,8 @@ def test_the_heading_goes_on_where_the_radar_sees_nothing():
     """Breaks if the gyro counts only beside estimates."""
     scans = [scan[:0] if 8.0 < scan.time < 12.0 else scan for scan in DRIVE.scans]
     found = track((scans, CAR_MOUNTING), gyro=gyro(), limits=None)
-    turned = np.interp(12.5, found.times, found.poses()[1:, 2])
-    turned -= np.interp(7.5, found.times, found.poses()[1:, 2])
-    yaw = np.unwrap(DRIVE.truth.poses[:, 2])
-    true = np.interp(12.5, DRIVE.truth.times, yaw) - np.interp(7.5, DRIVE.truth.times, yaw)
+    yaws = found.poses()[1:, 2], np.unwrap(DRIVE.truth.poses[1:, 2])
+    turned, true = (np.diff(np.interp([7.5, 12.5], found.times, yaw)) for yaw in yaws)
     assert turned == pytest.approx(true, abs=np.deg2rad(3.0))
 
 
@@ -81,9 +79,9 @@ def test_what_is_no_gyro_is_refused(make, said):
 
 
 def test_a_budget_does_not_hide_a_gyro():
-    """Breaks if the slow errors and the bias take each other's place in the state."""
-    budget = ErrorBudget(azimuth=0.002, doppler=0.02, lag=0.01)
+    """Breaks if the slow errors and the bias take each other's place, or a sway adds to a gyro."""
+    budget = ErrorBudget(azimuth=0.002, doppler=0.02, lag=0.01, sway=0.1)
     found = track(DRIVE, gyro=gyro(), budget=budget)
+    assert (found.covariance[:, 2, 2] < 0.01).all()
     assert found.errors.shape[1:] == (2, 7, 7 + 5)
-    off = (found.theta - DRIVE.truth.theta[1:])[50:, 2]
-    assert np.std(off) < np.deg2rad(0.3)
+    assert np.std((found.theta - DRIVE.truth.theta[1:])[50:, 2]) < np.deg2rad(0.3)
