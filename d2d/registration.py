@@ -239,17 +239,11 @@ def _overlap(points: PointSet) -> NDArray[np.bool_]:
     return np.asarray(np.median(densities / own, axis=-1) > 2.0)
 
 
-def _explains_better(one: Estimate, other: Estimate) -> NDArray[np.bool_]:
-    """Whether the inliers of an optimum fit clearly better than those of another."""
-    # Without an outlier model, the squared distances of all targets are in the cost.
-    better = one.fit < _BETTER_FIT * np.nan_to_num(other.fit, nan=np.inf)
-    return np.asarray(np.isnan(one.inliers) | better)
-
-
 def _lower(one: Estimate, other: Estimate, fixed: PointSet) -> Estimate:
     """The other optima where they are lower and, of points that overlap, fit clearly better."""
     lower = np.asarray((other.value < one.value) | ~np.isfinite(one.value))
-    better = _explains_better(other, one)
+    better = other.fit < _BETTER_FIT * np.nan_to_num(one.fit, nan=np.inf)
+    better |= np.isnan(other.inliers)  # no outlier model: all squared distances are in the cost
     if not (better | ~lower).all():
         better = better | ~_overlap(fixed)
     merged = where(lower & better, other, one)
