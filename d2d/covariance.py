@@ -96,11 +96,11 @@ def propagate_covariance(
     _warn_of_long_targets(fixed, moving)
     if measurement is not None:
         return _definite(estimate.covariance, _noise(problem, bound))
-    bound, inward = problem.about_means(bound)
+    bound, outward = problem.about_means(bound)
+    inward = 2.0 * np.eye(problem.parameters) - outward
     known = np.isfinite(estimate.covariance).all(axis=(-2, -1), keepdims=True)
-    inverse = in_coordinates(inward, np.where(known, estimate.covariance, np.nan))
-    outward = 2.0 * np.eye(problem.parameters) - inward
-    return in_coordinates(outward, _definite(inverse, _noise(problem, bound)))
+    inverse = propagated(inward, np.where(known, estimate.covariance, np.nan))
+    return propagated(outward, _definite(inverse, _noise(problem, bound)))
 
 
 def _warn_of_long_targets(fixed: PointSet, moving: PointSet) -> None:
@@ -117,9 +117,9 @@ def _warn_of_long_targets(fixed: PointSet, moving: PointSet) -> None:
         )
 
 
-def in_coordinates(slope: Array, covariance: Array) -> Array:
-    """J C Jᵀ (..., P, P), exactly symmetric, with the derivative J of other quantities."""
-    moved = slope @ covariance @ np.swapaxes(slope, -1, -2)
+def propagated(jacobian: Array, covariance: Array) -> Array:
+    """The covariance J C Jᵀ (..., P, P) of a linear function, exactly symmetric."""
+    moved = jacobian @ covariance @ np.swapaxes(jacobian, -1, -2)
     return np.asarray(0.5 * (moved + np.swapaxes(moved, -1, -2)))
 
 
@@ -129,7 +129,7 @@ def _definite(inverse: Array, noise: Array) -> Array:
     If the rounding of nearly singular matrices leaves a negative variance, it is computed as a
     product of roots, which has none.
     """
-    product = in_coordinates(inverse, noise)
+    product = propagated(inverse, noise)
     negative = (np.diagonal(product, axis1=-2, axis2=-1) < 0.0).any(axis=-1)
     if negative.any():
         size = np.sqrt(np.diagonal(noise[negative], axis1=-2, axis2=-1))

@@ -295,7 +295,7 @@ class Problem:
     def about_means(self, bound: Bound) -> tuple[Bound, Array]:
         """The motions between the sets about their means, which must not be measured.
 
-        With the derivative (..., P, P) of these motions in the given ones.
+        With the derivative (..., P, P) of the given motions in these.
         """
         batch, p, thetas = bound.batch, self.parameters, bound.thetas.copy()
         (fixed, moving, *_), pairs = self.pairs[0], batch.pairs
@@ -306,7 +306,7 @@ class Problem:
         turned = (rigid.rotation(thetas[:, 2]) @ b[..., None])[..., 0]
         thetas[:, :2] += turned - a
         slope = np.tile(np.eye(3), (len(thetas), 1, 1))
-        slope[:, 0, 2], slope[:, 1, 2] = -turned[:, 1], turned[:, 0]
+        slope[:, 0, 2], slope[:, 1, 2] = turned[:, 1], -turned[:, 0]
         batch = batch._replace(fixed_centres=-to, moving_centres=-by, centred=False)
         return Bound(thetas, batch, bound.shape), slope[:, :p, :p].reshape(*bound.shape, p, p)
 
@@ -409,8 +409,7 @@ class Problem:
         """
         moving, outward = self.pairs[0].moving, np.eye(3)
         if self.pairs[0].measurement is None:
-            bound, inward = self.about_means(bound)
-            outward = 2.0 * outward - inward.reshape(-1, 3, 3)
+            bound, outward = self.about_means(bound)
         packed = moving._layout.packed.reshape(-1, 6, moving.size)
         places = packed[:, :2] + bound.batch.moving_centres[:, :, None]
         spread = packed[:, layout.XX] + packed[:, layout.YY]

@@ -10,7 +10,7 @@ from d2d._checks import check_instance, check_shape
 from d2d._kernel import layout, rows
 from d2d._types import Array
 from d2d.cost import RegistrationCost
-from d2d.covariance import check_estimate, fisher_covariance, in_coordinates, select
+from d2d.covariance import check_estimate, fisher_covariance, propagated, select
 from d2d.measurement import LinearMeasurement
 from d2d.point_set import PointSet
 from d2d.problem import Bound, Estimate, Problem
@@ -69,22 +69,12 @@ def sandwich_covariance(
     check_estimate(estimate, problem, bound)
     known = np.isfinite(estimate.covariance).all(axis=(-2, -1))
     known = np.broadcast_to(known, bound.shape).ravel()
-    labels = _labels(moving, bound, groups)
-    if measurement is not None or fixed.dimension == 1:
-        return _from_scores(problem, bound, known, labels)
-    # Nothing measured of the motion itself: the origin is arbitrary, but the effect of leaving out
-    # a target is computed to first order and depends on it.
-    bound, inward = problem.about_means(bound)
-    outward = 2.0 * np.eye(3) - inward
-    return in_coordinates(outward, _from_scores(problem, bound, known, labels))
-
-
-def _from_scores(
-    problem: Problem, bound: Bound, known: NDArray[np.bool_], labels: NDArray[Any]
-) -> Array:
-    """`godambe` (..., P, P) of each problem whose estimate is known; nan of the others."""
-    p = problem.parameters
-    covariance = np.full((len(bound.thetas), p, p), np.nan)
+    labels, p = _labels(moving, bound, groups), problem.parameters
+    outward, covariance = np.eye(p), np.full((len(known), p, p), np.nan)
+    if measurement is None and fixed.dimension == 2:
+        # Nothing measured of the motion itself: the origin is arbitrary, but the effect of leaving
+        # out a target is computed to first order and depends on it.
+        bound, outward = problem.about_means(bound)
     scores, hessians = target_scores(problem, bound)
     for b in np.flatnonzero(known).tolist():
         if not np.isfinite(fisher_covariance(hessians[b].sum(axis=0))).all():
@@ -93,7 +83,7 @@ def _from_scores(
                 "positive definite there"
             )
         covariance[b] = godambe(scores[b], hessians[b], labels[b])
-    return covariance.reshape(*bound.shape, p, p)
+    return propagated(outward, covariance.reshape(*bound.shape, p, p))
 
 
 def target_scores(problem: Problem, bound: Bound) -> tuple[Array, Array]:

@@ -18,7 +18,7 @@ from d2d._checks import check_instance, check_shape
 from d2d._kernel import layout
 from d2d._kernel.errors import add_dependence, add_positions
 from d2d._types import Array
-from d2d.covariance import check_estimate, in_coordinates
+from d2d.covariance import check_estimate, propagated
 from d2d.problem import Bound, Estimate, Problem
 from d2d.radar.motion.model import EgoMotionModel, ModelOptions
 from d2d.radar.motion.pairs import ScanPair, following, middle_of, problem_of, scan_pairs
@@ -64,7 +64,7 @@ def propagate_ego_motion(
     check_estimate(estimate, problem, bound)
     noise = np.diag(problem.prior)
     add_noise(of_scans(influences(problem, bound, pairs), pairs), shared_azimuth, noise)
-    return in_coordinates(estimate.covariance, noise)
+    return propagated(estimate.covariance, noise)
 
 
 class Influence(NamedTuple):
@@ -272,6 +272,6 @@ def apply_budget(
     slow[:count], slow[count:-2] = budget.azimuth * azimuth, budget.doppler * doppler
     slow[-2], slow[-1] = budget.scale * scale, slip
     covariance = np.asarray(np.linalg.inv(hessian), dtype=np.float64)
-    white, gain = in_coordinates(covariance, noise), -covariance
+    white, gain = propagated(covariance, noise), -covariance
     delay, lead = gain @ delays.sum(axis=0), gain @ leads.sum(axis=0)
     return Budgeted(gain @ gradient, white, gain @ slow.T, delay, lead)
