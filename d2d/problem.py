@@ -313,21 +313,18 @@ class Problem:
     def minimise(self, bound: Bound, threads: int = 1) -> Estimate:
         """The optimum of each bound problem near its parameters."""
         p, shape = self.parameters, bound.shape
-        found, failed = self._descend(bound, threads)
+        optima, failed = self._descend(bound, threads)
         if failed and self.kind == layout.MOTION and p == 3:
-            self._find_valleys(found, bound, threads)
-        thetas, numbers, gradient, hessian, covariance, iterations, good, undetermined = found
-        if p < 3:
-            thetas, gradient = thetas[:, :p], gradient[:, :p]
-            hessian, covariance = hessian[:, :p, :p], covariance[:, :p, :p]
+            self._find_valleys(optima, bound, threads)
+        thetas, numbers, gradient, hessian, covariance, iterations, good, undetermined = optima
         value, inliers, fit, freedom = numbers.T
         estimate = object.__new__(Estimate)  # a frozen dataclass sets one attribute at a time
         estimate.__dict__.update(
-            theta=thetas.reshape(*shape, p),
-            covariance=covariance.reshape(*shape, p, p),
+            theta=thetas[:, :p].reshape(*shape, p),
+            covariance=covariance[:, :p, :p].reshape(*shape, p, p),
             value=value.reshape(shape),
-            gradient=gradient.reshape(*shape, p),
-            hessian=hessian.reshape(*shape, p, p),
+            gradient=gradient[:, :p].reshape(*shape, p),
+            hessian=hessian[:, :p, :p].reshape(*shape, p, p),
             converged=good.reshape(shape),
             iterations=iterations.reshape(shape),
             inliers=inliers.reshape(shape),
@@ -355,7 +352,7 @@ class Problem:
         Without an iteration, the cost and its derivatives at the parameters.
         """
         count, failed = len(bound.thetas), False
-        found = layout.Optima(
+        optima = layout.Optima(
             bound.thetas.copy(),
             np.empty((count, 4)),
             np.empty((count, 3)),
@@ -368,37 +365,37 @@ class Problem:
 
         def run(first: int, last: int, stop: Array) -> None:
             nonlocal failed
-            part, own = bound.batch, found
+            part, own = bound.batch, optima
             if last - first < count:
-                part, own = bound.part(first, last), found.part(first, last)
+                part, own = bound.part(first, last), optima.part(first, last)
             memory = self._memory(stop, max_iterations > 0)
             failed |= entries.minimise_batch(part, TOLERANCE, max_iterations, memory, own)
 
         run_in_slices(run, count, self.size, threads)
-        return found, failed
+        return optima, failed
 
-    def _find_valleys(self, found: layout.Optima, bound: Bound, threads: int) -> None:
+    def _find_valleys(self, optima: layout.Optima, bound: Bound, threads: int) -> None:
         """State which directions are undetermined where there was no optimum.
 
         Without a measurement, the descent is tried once more about the means of the sets: there it
         shows which these are, and the smallest step keeps to where it is along them.
         """
-        flat = found.undetermined
+        flat = optima.undetermined
         if self.pairs[0].measurement is None:
-            lost = bound.only(~found.converged)
-            again, _ = self._descend(self.about_means(lost)[0], threads)
-            outer = again.thetas.copy()
+            lost = bound.only(~optima.converged)
+            centred, _ = self._descend(self.about_means(lost)[0], threads)
+            outer = centred.thetas.copy()
             outer[:, :2] = 0.0
             shift = self.about_means(lost._replace(thetas=outer))[0].thetas
-            outer[:, :2] = (again.thetas - shift)[:, :2]
-            at, _ = self._descend(lost._replace(thetas=outer), max_iterations=0)
-            flat[~found.converged] = again.undetermined
-            at = at._replace(iterations=again.iterations, undetermined=again.undetermined)
-            for ours, theirs in zip(found, at, strict=True):
-                ours[flat] = theirs[again.undetermined]
-            found.converged[flat] = False
+            outer[:, :2] = (centred.thetas - shift)[:, :2]
+            back, _ = self._descend(lost._replace(thetas=outer), max_iterations=0)
+            flat[~optima.converged] = centred.undetermined
+            back = back._replace(iterations=centred.iterations, undetermined=centred.undetermined)
+            for ours, theirs in zip(optima, back, strict=True):
+                ours[flat] = theirs[centred.undetermined]
+            optima.converged[flat] = False
         if flat.any():
-            found.covariance[flat] = self._across(bound._replace(thetas=found.thetas).only(flat))
+            optima.covariance[flat] = self._across(bound._replace(thetas=optima.thetas).only(flat))
 
     def _across(self, bound: Bound) -> Array:
         """Covariances (B, 3, 3) of optima, infinite along what the targets do not determine.
