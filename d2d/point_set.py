@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike, NDArray
 from d2d import rigid
 from d2d._checks import (
     ANGLE,
-    NOT_NEGATIVE,
     SCALE,
     Bounds,
     broadcast_batches,
@@ -245,11 +244,6 @@ class PointSet(Frozen):
         inflated = PointSet._of(self.means, self.covariances * scale**2, self.weights)
         inflated.__dict__["_fields"] = self._fields  # which do not depend on the covariances
         return inflated
-
-    def widened(self, sigma: float) -> "PointSet":
-        """The set with the variance ``sigma`` squared added along each axis of all targets."""
-        added = NOT_NEGATIVE.number("sigma", sigma) ** 2 * np.eye(self.dimension)
-        return PointSet._of(self.means, self.covariances + added, self.weights)
 
     @cached_property
     def _layout(self) -> _Layout:

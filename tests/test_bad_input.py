@@ -101,7 +101,6 @@ MISTAKES: dict[str, tuple[Callable[..., Any], dict[str, Any], dict[str, Any]]] =
         },
     ),
     "inflated": (FIXED.inflated, {"scale": 2.0}, {"scale": [0.0, NAN, 1e300, 1e-300]}),
-    "widened": (FIXED.widened, {"sigma": 2.0}, {"sigma": [-1.0, NAN, [0.1, 0.2]]}),
     "transformed": (FIXED.transformed, {"theta": np.zeros(3)}, {"theta": NOT_MOTIONS}),
     "shifted": (FIXED.shifted, {"translation": [1, 2]}, {"translation": [1.0, [0.0, NAN]]}),
     "UniformOutlier": (UniformOutlier, {"density": 1}, {"density": [0.0, NAN, INF, "low"]}),
