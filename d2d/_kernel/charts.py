@@ -89,19 +89,8 @@ def exponential_chart(x, y, w):
         p, q = sine / w, (1.0 - cosine) / w
         p1, q1 = (cosine - p) / w, (sine - q) / w
         p2, q2 = (-sine - 2.0 * p1) / w, (cosine - 2.0 * q1) / w
-    return Chart(
-        p * x - q * y,
-        p * y + q * x,
-        w,
-        p,
-        -q,
-        p1 * x - q1 * y,
-        p1 * y + q1 * x,
-        p1,
-        -q1,
-        p2 * x - q2 * y,
-        p2 * y + q2 * x,
-    )
+    c, d, e, f = p1 * x - q1 * y, p1 * y + q1 * x, p2 * x - q2 * y, p2 * y + q2 * x
+    return Chart(p * x - q * y, p * y + q * x, w, p, -q, c, d, p1, -q1, e, f)
 
 
 @compiled

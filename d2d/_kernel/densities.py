@@ -116,7 +116,7 @@ def turn_outliers(w):
 
 
 @vectorised
-def over_value(w):
+def divide_by_value(w):
     """From a field's derivatives to those over its value."""
     for k in range(lane_count(w)):
         inverse = 1.0 / w[rows.OUTLIER + k]
@@ -132,7 +132,7 @@ def corrupted_jet(w, fixed, setting, outlier, tiles, grid):
     From the tiles of a large set, or as the plain sum.
     """
     if tiles.shape[0] > 0 and interpolate(w, tiles, grid, root_of(outlier), setting):
-        over_value(w)
+        divide_by_value(w)
     else:
         sum_outliers(w, fixed, setting, precision_of(outlier))
     to_logarithm(w, outlier[layout.LOG_OUTLIER_WEIGHT])
@@ -161,13 +161,23 @@ def outlier_jet(w, fixed, setting, outlier, tiles, grid):
 
 
 @inlined
-def measurement_jet(factor, xi):
-    """The jet of N(z | h' xi, sigma^2 + q^2 (s' xi)^2), one target's measurement, in xi."""
+def measurement_at(factor, xi):
+    """Vectors h and s of one target's measurement N(z | h' xi, sigma^2 + q^2 (s' xi)^2).
+
+    Then its residual z - h' xi, its slope s' xi and its variance.
+    """
     h0, h1, h2 = factor[layout.GAIN], factor[layout.GAIN + 1], factor[layout.GAIN + 2]
     s0, s1, s2 = factor[layout.SLOPE], factor[layout.SLOPE + 1], factor[layout.SLOPE + 2]
     residual = factor[layout.VALUE] - h0 * xi[0] - h1 * xi[1] - h2 * xi[2]
     slope = s0 * xi[0] + s1 * xi[1] + s2 * xi[2]
     variance = factor[layout.VARIANCE] + factor[layout.INPUT_VARIANCE] * slope * slope
+    return (h0, h1, h2), (s0, s1, s2), residual, slope, variance
+
+
+@inlined
+def measurement_jet(factor, xi):
+    """The jet of one target's measurement in xi."""
+    (h0, h1, h2), (s0, s1, s2), residual, slope, variance = measurement_at(factor, xi)
     e = residual / variance
     dv = 2.0 * factor[layout.INPUT_VARIANCE] * slope  # d variance / d xi = dv s
     first = 0.5 * (e * e - 1.0 / variance)

@@ -2,7 +2,7 @@
 
 A jet of a density q has ten numbers: log q, then the gradient of q and its second derivatives, both
 over q itself.  A product of densities, a mixture of them and a change of the parameters give a jet
-again.  The tables of the scratch array hold a jet in every vector lane (see ``layout.py``).
+again.  The tables of the scratch array hold a jet in every vector lane (see ``rows.py``).
 """
 
 from d2d._kernel import layout, rows

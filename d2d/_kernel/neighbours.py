@@ -30,13 +30,8 @@ def forget_neighbours(near):
 @vectorised
 def component_of(fixed, i, setting):
     """Mean, less the translation, and covariance of a component."""
-    return (
-        fixed[X, i] - setting.x,
-        fixed[Y, i] - setting.y,
-        fixed[XX, i],
-        fixed[XY, i],
-        fixed[YY, i],
-    )
+    x, y = fixed[X, i] - setting.x, fixed[Y, i] - setting.y
+    return x, y, fixed[XX, i], fixed[XY, i], fixed[YY, i]
 
 
 @vectorised

@@ -44,13 +44,8 @@ def load_block(w, moving, order, setting, first):
 @vectorised
 def component_at(step, k, setting):
     """Mean, less the translation, and covariance of a target's component in a step."""
-    return (
-        step[X * LANES + k] - setting.x,
-        step[Y * LANES + k] - setting.y,
-        step[XX * LANES + k],
-        step[XY * LANES + k],
-        step[YY * LANES + k],
-    )
+    x, y = step[X * LANES + k] - setting.x, step[Y * LANES + k] - setting.y
+    return x, y, step[XX * LANES + k], step[XY * LANES + k], step[YY * LANES + k]
 
 
 @vectorised

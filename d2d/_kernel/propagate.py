@@ -17,7 +17,7 @@ import numpy as np
 from d2d._kernel import layout, rows
 from d2d._kernel.compile import compiled, entry, inlined, vectorised
 from d2d._kernel.cost import align_tops, evaluate_block, motion_chart, pair_at, setting_of, total
-from d2d._kernel.densities import half_square, precision_of
+from d2d._kernel.densities import half_square, measurement_at, precision_of
 from d2d._kernel.elementary import exp
 from d2d._kernel.jets import fuse_summing, gradient_through_chart
 from d2d._kernel.layout import WEIGHT, X, Y
@@ -174,11 +174,8 @@ def measurement_slopes(factor, chart):
 
     By the measured value, and by the input through the prediction alone.
     """
-    h0, h1, h2 = factor[layout.GAIN], factor[layout.GAIN + 1], factor[layout.GAIN + 2]
-    s0, s1, s2 = factor[layout.SLOPE], factor[layout.SLOPE + 1], factor[layout.SLOPE + 2]
-    residual = factor[layout.VALUE] - h0 * chart.x - h1 * chart.y - h2 * chart.phi
-    slope = s0 * chart.x + s1 * chart.y + s2 * chart.phi
-    variance = factor[layout.VARIANCE] + factor[layout.INPUT_VARIANCE] * slope * slope
+    xi = chart.x, chart.y, chart.phi
+    (h0, h1, h2), (s0, s1, s2), residual, slope, variance = measurement_at(factor, xi)
     e = residual / variance
     along = 2.0 * factor[layout.INPUT_VARIANCE] * slope * e / variance
     v0, v1, v2 = h0 / variance + along * s0, h1 / variance + along * s1, h2 / variance + along * s2
