@@ -1,6 +1,5 @@
 """Scans and estimates as lines of JSON, for any middleware."""
 
-import itertools
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import partial
@@ -34,24 +33,25 @@ def estimates_of(
     ``gates`` are arguments of `RadarScan.within`, ``sigmas`` those of all targets, in m, rad, m/s.
     What is wrong with a line goes to ``complain`` with its number, and the next one is read.
     """
-    last, pose = None, np.zeros(3)
     read = partial(_scan, degrees=degrees, sigmas=sigmas, gates=gates)
-    for count, line in enumerate(itertools.chain(lines, [None]), start=1):
-        try:
-            found = tracker.finish() if line is None else _add(tracker, line, read)
-        except (ValueError, RecursionError) as error:
-            if line is None:
-                raise
-            complain(f"line {count}: {error}")
-            continue
-        for estimate in found:
-            # where an estimate was not accepted, its velocity is the last one that was
-            before = estimate.theta if last is None else last.theta
-            twist = 0.5 * estimate.interval * (before + estimate.theta)
-            if np.isfinite(twist).all():  # else the clock stepped back, and nothing is known
-                pose = rigid.compose(pose, rigid.exponential(twist))
-            last = estimate
-            yield _line(estimate, pose)
+
+    def estimates() -> Iterator[VelocityEstimate]:
+        for count, line in enumerate(lines, start=1):
+            try:
+                yield from _add(tracker, line, read)
+            except (ValueError, RecursionError) as error:
+                complain(f"line {count}: {error}")
+        yield from tracker.finish()
+
+    last, pose = None, np.zeros(3)
+    for estimate in estimates():
+        # where an estimate was not accepted, its velocity is the last one that was
+        before = estimate.theta if last is None else last.theta
+        twist = 0.5 * estimate.interval * (before + estimate.theta)
+        if np.isfinite(twist).all():  # else the clock stepped back, and nothing is known
+            pose = rigid.compose(pose, rigid.exponential(twist))
+        last = estimate
+        yield _line(estimate, pose)
 
 
 def _add(
