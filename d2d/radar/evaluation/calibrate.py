@@ -88,11 +88,8 @@ class Calibration:
     def __str__(self) -> str:
         yaws = [f"yaw of sensor {s + 1} of {len(self.yaw)}" for s in range(len(self.yaw))]
         rows = {"lag": "s", "speed factor": "", "ahead of the rear axle": "m"}
-        rows |= {
-            "compliance": "s^2/m",
-            **dict.fromkeys(yaws, "deg"),
-            "bias of the yaw rate": "deg/s",
-        }
+        rows |= {"compliance": "s^2/m"} | dict.fromkeys(yaws, "deg")
+        rows["bias of the yaw rate"] = "deg/s"
         units = [np.rad2deg(1.0) if text.startswith("deg") else 1.0 for text in rows.values()]
         numbers = zip(rows.items(), units * self.values, units * self.sigmas, strict=True)
         lines = [
