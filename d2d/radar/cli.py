@@ -128,7 +128,6 @@ def main(argv: Sequence[str] | None = None) -> int:
             stream.reconfigure(errors="replace")
     words = sys.argv[1:] if argv is None else argv
     arguments = _parser().parse_args(words, argparse.Namespace(words=words))
-    _check_options(arguments)
     try:
         with _plain_warnings():
             return int(arguments.run(arguments) or 0)
@@ -263,14 +262,13 @@ def _flag(name: str) -> str:
 def _check_options(arguments: argparse.Namespace) -> None:
     """Leave with a message if an option of a reader is missing, or belongs to another one."""
     options, error = vars(arguments), arguments.error
-    if arguments.command == "track":
-        chosen = next(each for name, each in READERS.items() if options[name] is not None)
-        for name, owners in arguments.owners.items():
-            if options[name] is not None and _flag(chosen.name) not in owners:
-                error(f"{_flag(name)} belongs to {' and '.join(owners)}")
-        for name in chosen.needed:
-            if options[name] is None:
-                error(f"{_flag(chosen.name)} needs {_flag(name)}; see {PROGRAM} track --help")
+    chosen = next(each for name, each in READERS.items() if options[name] is not None)
+    for name, owners in arguments.owners.items():
+        if options[name] is not None and _flag(chosen.name) not in owners:
+            error(f"{_flag(name)} belongs to {' and '.join(owners)}")
+    for name in chosen.needed:
+        if options[name] is None:
+            error(f"{_flag(chosen.name)} needs {_flag(name)}; see {PROGRAM} track --help")
 
 
 def _source(arguments: argparse.Namespace) -> Source:
@@ -312,6 +310,7 @@ def _options(arguments: argparse.Namespace, budget: ErrorBudget) -> dict[str, An
 
 
 def _track(arguments: argparse.Namespace) -> int:
+    _check_options(arguments)
     sensors, budget = _source(arguments)
     prefix = _prefix(arguments.output)
     options = {**_options(arguments, budget), "max_interval": arguments.max_interval}
