@@ -21,7 +21,7 @@ from d2d._types import Array
 from d2d.covariance import check_estimate, propagated
 from d2d.problem import Bound, Estimate, Problem
 from d2d.radar.motion.model import EgoMotionModel, ModelOptions
-from d2d.radar.motion.pairs import ScanPair, following, middle_of, problem_of, scan_pairs
+from d2d.radar.motion.pairs import ScanPair, middle_of, problem_of, right_jacobian, scan_pairs
 from d2d.radar.scans.budget import ErrorBudget
 from d2d.radar.scans.scan import Mounting, RadarScan
 
@@ -211,17 +211,17 @@ def apply_budget(
     pairs: Sequence[ScanPair],
     budget: ErrorBudget,
     time: float,
-    near: Array,
+    velocity: Array,
 ) -> Budgeted:
     """Apply a budget to a velocity, whose delay is that to ``time``.
 
-    ``pairs`` and ``near`` are those of the problem; each pair is of another sensor.
+    ``pairs`` and ``velocity`` are those of `problem_of`; each pair is of another sensor.
     """
     bound, count = problem.bind(estimate.theta), len(pairs)
-    found = influences(problem, bound, pairs)
+    influence = influences(problem, bound, pairs)
     intervals = np.array([pair.interval for pair in pairs])
     times, common = np.array([pair.current.time for pair in pairs]), middle_of(pairs)
-    starts, spans = found.edges[:-1], [*pairwise(found.edges.tolist())]  # of all scans
+    starts, spans = influence.edges[:-1], [*pairwise(influence.edges.tolist())]  # of all scans
     first = spans[count][0]  # of the current targets
     scans = [slice(begin - first, end - first) for begin, end in spans[count:]]
     hessian, gradient = estimate.hessian, np.zeros(3)
@@ -230,23 +230,24 @@ def apply_budget(
         of_targets = intervals.repeat([pair.current.size for pair in pairs])
         measured = _Measured.of(bound.batch.factors, estimate.theta, of_targets)
         if budget.azimuth or budget.doppler:  # else nothing is shared
-            lost = measured.marginalised(found.share[first:], budget, scans)
-            found.doppler[first:] += lost
-            found.prediction[first:] -= measured.turned[:, None] * lost
+            lost = measured.marginalised(influence.share[first:], budget, scans)
+            influence.doppler[first:] += lost
+            influence.prediction[first:] -= measured.turned[:, None] * lost
             hessian = hessian - measured.gain.T @ lost
             gradient = (measured.value - measured.gain @ estimate.theta) @ lost
     noise = np.zeros((3, 3))
-    add_noise(found, True, noise, first)
+    add_noise(influence, True, noise, first)
     if budget.neighbours:
-        ends = found.edges[1:].repeat(np.diff(found.edges))
-        order = [begin + found.means[begin:end, 0].argsort() for begin, end in spans]
-        targets = found.position, found.covariances, found.means, ends, np.concatenate(order)
-        add_dependence(*targets, budget.neighbours, np.empty((9, len(ends))), noise)
-    turned = np.add.reduceat(found.azimuth, starts)
+        ends = influence.edges[1:].repeat(np.diff(influence.edges))
+        order = [begin + influence.means[begin:end, 0].argsort() for begin, end in spans]
+        targets = influence.position, influence.covariances, influence.means, ends
+        memory = np.empty((9, len(ends)))
+        add_dependence(*targets, np.concatenate(order), budget.neighbours, memory, noise)
+    turned = np.add.reduceat(influence.azimuth, starts)
     azimuth = turned[:count] + turned[count:]
     # the gradient's derivatives in small motions that follow those of the pairs
     moved = np.empty((count, 3, 3))
-    moved[..., :2] = np.add.reduceat(found.position, starts[count:])
+    moved[..., :2] = np.add.reduceat(influence.position, starts[count:])
     levers = np.array([[-each.mounting.y, each.mounting.x] for each in pairs])
     moved[..., 2] = turned[count:] + np.einsum("pij,pj->pi", moved[..., :2], levers)
     # with [., .] the bracket of SE(2), a constant acceleration a moves a vehicle that turns by
@@ -257,12 +258,12 @@ def apply_budget(
     for number, pair in enumerate(pairs):
         late = (pair.middle - time) * np.eye(3) + pair.interval**2 / 12.0 * bracket
         share = -pair.interval * moved[number]
-        delays[number] = share @ following(pair.interval * estimate.theta) @ late
-        leads[number] = (common - pair.middle) * share @ following(pair.interval * near)
+        delays[number] = share @ right_jacobian(pair.interval * estimate.theta) @ late
+        leads[number] = (common - pair.middle) * share @ right_jacobian(pair.interval * velocity)
     if measured is not None:
-        by_value = found.doppler[first:]
-        azimuth += np.add.reduceat(found.prediction, starts[count:])
-        doppler = np.add.reduceat(found.doppler, starts[count:])
+        by_value = influence.doppler[first:]
+        azimuth += np.add.reduceat(influence.prediction, starts[count:])
+        doppler = np.add.reduceat(influence.doppler, starts[count:])
         scale = np.concatenate([each.current.doppler for each in pairs]) @ by_value
         gains = np.array([by_value[scan].T @ measured.gain[scan] for scan in scans])
         delays += (times - time)[:, None, None] * gains

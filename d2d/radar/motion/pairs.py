@@ -84,26 +84,26 @@ def problem_of(
     pairs: Sequence[ScanPair],
     model: EgoMotionModel,
     acceleration: Array | None = None,
-    near: Array | None = None,
+    velocity: Array | None = None,
 ) -> Problem:
     """The cost of the velocity that pairs of scans share.
 
     The earlier scan of each is the fixed set, the later one the moving set, with its Doppler
-    velocities.  With an acceleration (3,) and a velocity ``near`` (3,) that of the vehicle, it is
-    the velocity at the time `middle_of` the pairs: what the vehicle has gained since then, until
-    the middle of a pair's interval, whose mean velocity the positions show, and until the later
-    scan, is taken off positions and Doppler velocities.
+    velocities.  With an acceleration (3,) and a rough velocity (3,) of the vehicle, it is the
+    velocity at the time `middle_of` the pairs: what the vehicle has gained from then to the middle
+    of a pair's interval, whose mean velocity the positions show, and to the later scan, is taken
+    off positions and Doppler velocities.
     """
     time, found = middle_of(pairs), []
     for pair in pairs:
         previous, current, mounting = pair
         interval, moving = pair.interval, current.point_set(mounting)
         ahead = measurement = None
-        if acceleration is not None and near is not None:
+        if acceleration is not None and velocity is not None:
             ahead = (current.time - time) * acceleration
             if pair.middle != time and acceleration.any():
                 # a small motion that follows the pair's own
-                gained = (pair.middle - time) * (following(interval * near) @ acceleration)
+                gained = (pair.middle - time) * (right_jacobian(interval * velocity) @ acceleration)
                 v_x, v_y, turn = (interval * gained).tolist()
                 shift = np.array([v_x - 0.5 * turn * v_y, v_y + 0.5 * turn * v_x])
                 means = moving.means @ rigid.rotation(-turn) + shift
@@ -116,10 +116,10 @@ def problem_of(
     return model.problem(found)
 
 
-def following(motion: Array) -> Array:
-    """The small motion (3, 3) that follows exp(motion) if a small twist is added to the motion.
+def right_jacobian(motion: Array) -> Array:
+    """The right Jacobian (3, 3) of SE(2) to second order, I - b / 2 + b² / 6 with b = [motion, .].
 
-    The right Jacobian of SE(2) to second order, I - b / 2 + b² / 6 with b = [motion, .].
+    It gives the small motion that follows exp(motion) if a small twist is added to the motion.
     """
     x, y, turn = motion.tolist()
     along, across = turn * x / 6.0 - 0.5 * y, turn * y / 6.0 + 0.5 * x
