@@ -57,13 +57,13 @@ _IMPLAUSIBLE = 12.0  # standard deviations, by which no estimate of a vehicle su
 class Belief(NamedTuple):
     """The Gaussian errors of a state with k considered errors; leading axes are modes."""
 
-    mean: Array  # (..., 6) of [v, a]
-    covariance: Array  # (..., 6, 6)
-    cross: Array  # (..., 6, k), covariance with the slow errors
+    mean: Array  # (..., n) of [v, a], and of a gyro's bias: n is 6 or 7
+    covariance: Array  # (..., n, n)
+    cross: Array  # (..., n, k), covariance with the slow errors
 
     @property
     def remainder(self) -> Array:
-        """The covariance (..., 6, 6) of the state if the slow errors were known."""
+        """The covariance (..., n, n) of the state if the slow errors were known."""
         return self.covariance - self.cross @ self.cross.swapaxes(-1, -2)
 
     def combined(self, shares: Array) -> "Belief":
@@ -322,7 +322,7 @@ def _smoothed(now: Belief, ahead: Belief, later: Belief, gain: Array) -> Belief:
 
 
 def _forward(now: Mixture, later: Mixture, back: Array) -> Array:
-    """The transition (6, 6 + k) of the errors of smoothed beliefs, for a transposed gain (6, 6)."""
+    """The transition (n, n + k) of the errors of smoothed beliefs, for a transposed gain (n, n)."""
     first, second = now.whole, later.whole
     own = np.linalg.solve(first.remainder, back.T @ second.remainder).T
     kept = np.exp((now.time - later.time) / PERSISTENCE)

@@ -97,7 +97,7 @@ class Knots(NamedTuple):
         return found
 
     def _carried(self, covariance: Array, i: int) -> Array:
-        """The covariance (3, 6 + k) with state and slow errors at knot i, at the next one."""
+        """The covariance (3, n + k) with state and slow errors at knot i, at the next one."""
         transition = self.errors[i + 1, 0]
         kept = np.exp((self.times[i] - self.times[i + 1]) / PERSISTENCE)
         return np.hstack([covariance @ transition.T, kept * covariance[:, len(transition) :]])
