@@ -255,12 +255,12 @@ class History:
             longest = max(_LONGER * usual, _GAP * self.cycle)
             while scans and scan.time - scans[0].time > longest:
                 scans.popleft()
-        if scans and self._horizon is None:
-            previous = scans[max(len(scans) - self._baseline, 0)]
-        elif scans:
+        if scans and self._horizon is not None:
             # rounding must not decide between two scans that are equally near: the later one wins
-            wanted = scan.time - (self._horizon or 0.0)
+            wanted = scan.time - self._horizon
             previous = min(reversed(scans), key=lambda each: round(abs(each.time - wanted), 6))
+        elif scans:
+            previous = scans[max(len(scans) - self._baseline, 0)]
         scans.append(scan)
         return None if previous is None else ScanPair(previous, scan, self.mounting)
 
