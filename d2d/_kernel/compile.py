@@ -1,4 +1,4 @@
-"""How the functions of the kernel are compiled, and how what was compiled is kept.
+"""Decorators that compile the functions of the kernel, and the cache of the compiled code.
 
 - ``compiled``: compiled as a function of its own
 - ``inlined``: compiled, then copied into its callers
@@ -37,7 +37,7 @@ FAST = {"contract", "nnan"}
 
 
 def _nothing(*args: Any) -> int:
-    """Return null, which is no address of a function."""
+    """Return null, the address of no function."""
     return 0
 
 
@@ -95,7 +95,7 @@ class _PartCompiler(_KernelCompiler):
 
 
 def part(**options: Any) -> Callable[[Callable[..., Any]], Any]:
-    """How to compile a function that only compiled ones call: to be linked, without a wrapper.
+    """Return a decorator for functions that only compiled ones call: linked, without a wrapper.
 
     Wrappers for Python and code of its own for each take a quarter of the time of the first call.
     """

@@ -7,7 +7,7 @@ _MIN_RATIO = 1e-3  # of the singular values of two directions, below which they 
 
 @compiled
 def velocity_of_two(direction, doppler, i, j):
-    """The velocity (2,) by which two targets have their Doppler velocities.
+    """The velocity (2,) of the sensor that explains the Doppler velocities of two targets.
 
     Where their directions are the same, it is the shortest that fits both best.
     """

@@ -94,7 +94,7 @@ def sum_outliers(w, fixed, setting, precision):
 
 @vectorised
 def to_logarithm(w, log_weight):
-    """From a sum over the components to the logarithm of the density."""
+    """Turn a sum over the components into the logarithm of the density."""
     for k in range(lane_count(w)):
         s = w[rows.OUTLIER + k]
         w[rows.OUTLIER_TO_SHARE + k] = 1.0 / s
@@ -117,7 +117,7 @@ def turn_outliers(w):
 
 @vectorised
 def divide_by_value(w):
-    """From a field's derivatives to those over its value."""
+    """Divide a field's derivatives by its value."""
     for k in range(lane_count(w)):
         inverse = 1.0 / w[rows.OUTLIER + k]
         w[rows.OUTLIER_OFFSET + k] = 0.0

@@ -58,7 +58,7 @@ def weigh_neighbours(x, y, length, weights):
 
 @entry
 def add_dependence(position, covariances, means, ends, order, length, rows, dependence):
-    """Add what correlated neighbours cause beyond independent ones.
+    """Add the covariance due to correlated neighbours, beyond that of independent errors.
 
     The errors of the positions of K targets, seen along the axes of their own covariances,
     correlate by exp(-distance / length) within a scan, whose targets end before ``ends`` (K,).

@@ -74,7 +74,7 @@ class Setting(NamedTuple):
 
 
 class Accuracy(NamedTuple):
-    """How exact the steps of a descent are."""
+    """Accuracy of the steps of a descent."""
 
     gate: float  # what is below exp(-gate) of a target's density is left out of it
     margin: float  # standard deviations by which targets may move before lists are found again

@@ -46,7 +46,7 @@ def difference(w, k, component):
 
 @vectorised
 def largest_shift(w, lists, setting):
-    """How far a block's targets have moved, at most, in the distance for which their lists hold."""
+    """Largest shift of a block's targets, relative to the one for which their lists hold."""
     dc, ds = setting.cosine - lists[rows.AT_COSINE], setting.sine - lists[rows.AT_SINE]
     chord, farthest, invalid = math.sqrt(dc * dc + ds * ds), 0.0, False
     for k in range(lane_count(w)):

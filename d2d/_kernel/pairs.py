@@ -94,7 +94,7 @@ def add_step(w, step, setting):
 
 @inlined
 def repeat(step, fixed, i):
-    """Make a component that of all targets of a step."""
+    """Repeat a component for all targets of a step."""
     for row in range(6):
         for k in range(LANES):
             step[row * LANES + k] = fixed[row, i]

@@ -1,4 +1,4 @@
-"""How the gradient changes with every measured coordinate: what propagation of errors needs.
+"""Derivatives of the gradient in every measured coordinate, for the propagation of errors.
 
 Every cost has the gradient ``f_theta = -sum_ki gamma_ki L_theta,ki`` with responsibilities gamma
 that sum to one over a target's components (likelihood) or over all pairs (summing), and with the
@@ -251,7 +251,7 @@ def cross_pair(pair, setting, fusion, memory, cross, own):
 
 @compiled
 def scale_rows(by_motion, chart, interval):
-    """Derivatives of the gradient in a motion become those of the gradient in its velocity."""
+    """Turn derivatives of the gradient in a motion into those of the gradient in its velocity."""
     g0, g1, g2 = gradient_through_chart(by_motion[0], by_motion[1], by_motion[2], chart)
     by_motion[0], by_motion[1], by_motion[2] = interval * g0, interval * g1, interval * g2
 
