@@ -39,7 +39,7 @@ class Bounds(NamedTuple):
     hint: str = ""  # the unit in which they may be instead
 
     def array(self, name: str, values: ArrayLike) -> Array:
-        """A float64 copy of ``values``; raises a ``ValueError`` that names what is not right."""
+        """A float64 copy of ``values``; a ``ValueError`` says which bound is broken."""
         array = check_real(name, values)
         if not array.size:
             return array

@@ -9,7 +9,7 @@ import numpy as np
 class Frozen:
     """Base of the frozen dataclasses whose arrays are read-only, so that a cached value holds.
 
-    So are those of a copy or of an unpickled one, which NumPy makes writeable.
+    The arrays of a copy and of an unpickled object are, too, although NumPy makes them writeable.
     """
 
     def _keep(self, name: str, value: object) -> None:

@@ -14,7 +14,7 @@ from d2d.scores import checked_errors, normalised_squares
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Credibility:
-    r"""How N errors compare with the covariances that were estimated for them.
+    r"""Comparison of N errors with the covariances that were estimated for them.
 
     Attributes
     ----------

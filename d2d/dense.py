@@ -30,7 +30,7 @@ class Pairs(NamedTuple):
 
 
 def pair_up(shifted: Array, turned: Array, spread: Array, slope: Array, fixed: PointSet) -> Pairs:
-    r"""Every target, ``turned`` to p and ``shifted`` to p + t, paired with every fixed component.
+    r"""Pair every target, ``turned`` to p and ``shifted`` to p + t, with every fixed component.
 
     ``spread`` (B, K, N, D, D) is S and ``slope`` (B, K, D, D) is :math:`C_\varphi`.
     """

@@ -69,7 +69,7 @@ class Bound(NamedTuple):
         return self.batch._replace(first=self.batch.first[first : last + 1])
 
     def only(self, which: NDArray[np.bool_]) -> "Bound":
-        """Some of the problems, each of which has a single pair."""
+        """The selected problems, each of which has a single pair."""
         pairs, intervals = self.batch.pairs[which], self.batch.intervals[which]
         batch = self.batch._replace(
             pairs=pairs, intervals=intervals, first=np.arange(len(pairs) + 1)
@@ -149,7 +149,7 @@ class Estimate:
 
 
 def where(chosen: NDArray[np.bool_], one: Estimate, other: Estimate) -> Estimate:
-    """The estimates of one batch where chosen (...), else those of another."""
+    """The estimates of one batch where ``chosen`` (...), of another elsewhere."""
     merged = {}
     for name, value in vars(one).items():
         mask = chosen.reshape(chosen.shape + (1,) * (value.ndim - chosen.ndim))

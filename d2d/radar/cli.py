@@ -146,7 +146,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 @contextmanager
 def _plain_warnings() -> Iterator[None]:
-    """Inside, a warning is a line on the standard error."""
+    """Print each warning of a block as a line on the standard error."""
 
     def show(message: Warning | str, *_where: object) -> None:
         _complain(f"warning: {message}")
@@ -160,7 +160,7 @@ def _plain_warnings() -> Iterator[None]:
 
 @contextmanager
 def _compiling() -> Iterator[bool]:
-    """Inside, say on a terminal, if it is one, what takes longer than a second and a half."""
+    """Say on a terminal that a block compiles, if that takes long; yield whether it is one."""
     timer = threading.Timer(1.5, _complain, ["compiling, once on this machine, for up to a minute"])
     watched = sys.stderr is not None and sys.stderr.isatty()
     if watched:

@@ -74,7 +74,7 @@ def _locked(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def _aside(target: Path, content: bytes) -> Iterator[Callable[[], None]]:
-    """Write a file without a name, which leaves nothing behind; yields what gives it its name.
+    """Write a file without a name, which leaves nothing behind; yield the function that names it.
 
     Where the system has no such files, it is written beside its place.
     """

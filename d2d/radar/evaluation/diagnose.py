@@ -248,7 +248,7 @@ def _of_headings(
 
 
 def _of_distortion(log: Mapping[str, SensorScans], driven: Track) -> Iterator[Finding]:
-    """Azimuths at which the Doppler velocities are not those of the motion at the others."""
+    """Azimuths at which Doppler velocities contradict the motion that all others show."""
     for name, sensor in log.items():
         found = distortion(sensor, driven)
         if found is None:

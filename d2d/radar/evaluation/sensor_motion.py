@@ -1,4 +1,4 @@
-"""How single sensors move by their Doppler velocities: mountings, clocks and distortions."""
+"""Motion of single sensors by their Doppler velocities: mountings, clocks and distortions."""
 
 import itertools
 from collections.abc import Mapping, Sequence

@@ -41,7 +41,7 @@ def sensor_velocity(scan: RadarScan, mounting: Mounting) -> Array:
 
 
 def _sensor_fit(scan: RadarScan, mounting: Mounting) -> tuple[Array, Array]:
-    """The velocity (2,) of a sensor, and the derivatives (K, 2) over sigma of what it rests on."""
+    """The velocity (2,) of a sensor, and the derivatives (K, 2) over sigma of its inliers."""
     if not scan.size:
         return np.zeros(2), np.empty((0, 2))
     sight = doppler_gradients(scan.azimuth, mounting)[0][:, :2]

@@ -1,4 +1,4 @@
-"""Pairs of scans of one sensor, and what the cost takes of them."""
+"""Pairs of scans of one sensor, and the cost of the velocity that they share."""
 
 from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple

@@ -78,7 +78,7 @@ class Table(NamedTuple):
         return f"{self.source}, line {self.lines[row]}"
 
     def numbers(self, names: Iterable[str], *, invalid: bool = False) -> dict[str, Array]:
-        """Some columns, in the units of `RadarScan`; times may be dates.
+        """The named columns, in the units of `RadarScan`; times may be dates.
 
         A word that is no number raises a ValueError with its line, or is nan with ``invalid``.
         """

@@ -1,4 +1,4 @@
-"""Errors that do not average out, which the targets' standard deviations do not contain."""
+"""Error budget: shared and systematic errors, which the targets' own sigmas do not contain."""
 
 from dataclasses import dataclass
 

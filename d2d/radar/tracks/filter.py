@@ -116,7 +116,7 @@ class Mixture(NamedTuple):
 def begin(
     time: float, given: FilterInput, acceleration: Acceleration = UNSEEN, bias: Bias | None = None
 ) -> Mixture:
-    """The belief after a first estimate, for an acceleration that nothing but the radar tells.
+    """The belief after a first estimate, given what is known of the acceleration.
 
     With the mean and the variance of a gyro's bias, this is a further state.
     """

@@ -86,7 +86,7 @@ class ScanGate:
         return used, ended + after
 
     def finish(self) -> list[Round]:
-        """The last round; what is still held back is left out."""
+        """The last round; scans that are still held back are left out."""
         self._leave_out(*self._held)
         return self._rounds.finish()
 

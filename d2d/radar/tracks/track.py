@@ -186,7 +186,7 @@ class Track(Frozen):
         return Velocities(wanted, theta, covariance)
 
     def displacement(self, start: ArrayLike, end: ArrayLike) -> Displacement:
-        """How far the vehicle has moved from ``start`` to ``end`` (n,) in s, and how surely.
+        """The motion of the vehicle from ``start`` to ``end`` (n,) in s, and its covariance.
 
         The covariances (n, 3, 3) follow from the ``errors`` of the filter: noise averages out, and
         errors that the budget states add up.  Of bare pairs, the errors are taken as independent,
@@ -262,7 +262,7 @@ class Track(Frozen):
 
     @property
     def support(self) -> Support:
-        """How much of the time has estimates in a row, and where the path is guessed."""
+        """The share of the time with estimates in a row, and the stretches that are guessed."""
         return support_of(self.times, self.intervals, self.converged)
 
     def save(self, path: str | os.PathLike[str]) -> None:
