@@ -355,10 +355,8 @@ def _judge(
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
         for name, sensor in sensors.items() if len(sensors) > 1 else ():
-            try:
+            with suppress(ValueError):  # too few scans
                 alone[name] = track(sensor, **options, progress=False)
-            except ValueError:  # too few scans
-                continue
     for (first, one), (second, other) in itertools.combinations(alone.items(), 2):
         anees = agreement(one, other)
         known = "unknown" if np.isnan(anees) else f"{anees:.1f}"
