@@ -76,11 +76,10 @@ def load_bag(
                 columns, where = _columns(clouds), f"{source}, {topic}"
                 columns, used = select(where, "points", columns, valid(columns), given, min_snr)
                 ends = np.cumsum([len(next(iter(cloud.values()))) for cloud in clouds])
+                parts = np.split(np.arange(len(used)), ends[:-1])
                 scans = [
-                    scan_of(time, {name: c[own][used[own]] for name, c in columns.items()})
-                    for time, own in zip(
-                        times, np.split(np.arange(len(used)), ends[:-1]), strict=True
-                    )
+                    scan_of(time, {name: c[own[used[own]]] for name, c in columns.items()})
+                    for time, own in zip(times, parts, strict=True)
                 ]
         found[topic] = scans, stated.get(topic) or _mounting(source, frame, base_frame)
     return found
