@@ -63,8 +63,7 @@ def compare_halves(
         for pair in each.pairs if whole.converged[i] else ():
             labels = np.arange(pair.current.size)
             if by == "object" and len(labels) > 1:
-                x, y = np.cos(pair.current.azimuth), np.sin(pair.current.azimuth)
-                points = pair.current.range[:, None] * np.column_stack([x, y])
+                points = pair.current.point_set(pair.mounting).means
                 labels = scipy.cluster.hierarchy.fclusterdata(
                     points, _WITHIN, criterion="distance", method="single"
                 )
