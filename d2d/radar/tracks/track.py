@@ -307,9 +307,7 @@ class Track(Frozen):
         `save`.  Raises a ``ValueError`` if the track is empty, or its clock steps back.
         """
         poses = self.poses(start)
-        if not len(self.times):
-            raise ValueError("the track must hold at least one estimate, but is empty")
-        _check_one_segment(self)
+        _check_one_segment(self, empty=False)
         times = np.append(self.times[0] - self.intervals[0], self.times)
         x, y, yaw = poses.T
         zero = np.zeros_like(x)
@@ -422,7 +420,9 @@ def _check_times(times: Array, intervals: Array, converged: NDArray[np.bool_]) -
         )
 
 
-def _check_one_segment(track: Track) -> None:
+def _check_one_segment(track: Track, empty: bool = True) -> None:
+    if not (empty or len(track)):
+        raise ValueError("the track must hold at least one estimate, but is empty")
     step = np.flatnonzero(np.isnan(track.intervals))
     if len(step):
         raise ValueError(
@@ -450,9 +450,7 @@ def neighbours(
     With these two (m,) come the weight of the second, and whether both were accepted and are not
     too far apart.  Both are the same where an estimate is at the time itself.
     """
-    _check_one_segment(track)
-    if not len(track.times):
-        raise ValueError("the track must hold at least one estimate, but is empty")
+    _check_one_segment(track, empty=False)
     last = len(track.times) - 1
     after = np.clip(np.searchsorted(track.times, times), 0, last)
     before = np.maximum(after - (track.times[after] != times), 0)  # the same at equal times
