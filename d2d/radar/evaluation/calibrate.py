@@ -73,9 +73,8 @@ class Calibration:
     @property
     def azimuth(self) -> Array:
         """Standard deviations (S,) in rad of the sensors' directions over a block."""
-        return np.asarray(
-            self.sigmas[_BIAS - len(self.yaw) : _BIAS] * np.sqrt(self.duration / self.block)
-        )
+        sigmas = self.sigmas[_BIAS - len(self.yaw) : _BIAS]
+        return np.asarray(sigmas * np.sqrt(self.duration / self.block))
 
     def reference(self, reference: Reference) -> Reference:
         """The reference as the radars see it, poses included; nan where shifted times leave it."""
