@@ -51,8 +51,7 @@ class ScanGate:
             return [], []
         last = max((each.time for each in self._latest.values()), default=scan.time)
         later = latest is None or scan.time > latest.time
-        cycles = [history.cycle for history in self._rounds.histories]
-        known = {s: cycle for s, cycle in enumerate(cycles) if math.isfinite(cycle)}
+        known = {s: h.cycle for s, h in enumerate(self._rounds.histories) if h.cycle < math.inf}
         reach = max(_STEP, _CYCLES * max(known.values(), default=math.inf))
         in_step = later and scan.time <= last + reach
         back = before is not None and scan.time <= before.time
@@ -72,7 +71,7 @@ class ScanGate:
         start = self._held[sensor][0].time
         if scan.time - start <= _WAITED * others:
             return [], []
-        held = [(each.time, s, each) for s, scans in self._held.items() for each in scans]
+        held = [(s, each) for s, scans in self._held.items() for each in scans]
         self._held, ended = {}, []
         if start <= last:
             self._latest, ended = {}, self._rounds.step_back()
@@ -80,9 +79,7 @@ class ScanGate:
                 f"the clock of {self._names[sensor]} steps back from {last:.3f} s to {start:.3f} s:"
                 " a new segment begins there"
             )
-        used, after = self._use(
-            [(s, each) for _, s, each in sorted(held, key=lambda entry: entry[:2])]
-        )
+        used, after = self._use(held)
         return used, ended + after
 
     def finish(self) -> list[Round]:
