@@ -96,14 +96,8 @@ class LinearMeasurement(Frozen):
     def inflated(self, scale: float) -> "LinearMeasurement":
         """The measurement with all standard deviations times ``scale``, from 1e-50 to 1e50."""
         scale = SCALE.number("scale", scale)
-        return LinearMeasurement._made(
-            self.value,
-            self.sigma * scale,
-            self.sigma_input * scale,
-            self.gain,
-            self.slope,
-            self.of_twist,
-        )
+        sigmas = self.sigma * scale, self.sigma_input * scale
+        return LinearMeasurement._made(self.value, *sigmas, self.gain, self.slope, self.of_twist)
 
     @cached_property
     def _packed(self) -> Array:

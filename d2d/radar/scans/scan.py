@@ -292,14 +292,9 @@ class RadarScan(Frozen):
         check_positive_scalar("interval", interval)
         scan, mounting = level(self, mounting)
         gain, slope = _gradients(*_direction(scan, mounting), mounting)
-        return LinearMeasurement._made(
-            scan.doppler if ahead is None else scan.doppler - gain @ ahead,
-            scan.sigma_doppler,
-            scan.sigma_azimuth,
-            gain / interval,
-            slope / interval,
-            of_twist,
-        )
+        value = scan.doppler if ahead is None else scan.doppler - gain @ ahead
+        sigmas = scan.sigma_doppler, scan.sigma_azimuth
+        return LinearMeasurement._made(value, *sigmas, gain / interval, slope / interval, of_twist)
 
 
 def quantisation_sigma(step: float, name: str = "step") -> float:
