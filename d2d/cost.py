@@ -68,9 +68,8 @@ class CorruptedGaussian(Frozen):
 
     def __init__(self, fraction: float, covariance: ArrayLike) -> None:
         self._keep("fraction", check_fraction("fraction", fraction))
-        matrix = check_covariances(
-            "covariance", np.atleast_2d(check_finite("covariance", covariance))
-        )
+        given = check_finite("covariance", covariance)
+        matrix = check_covariances("covariance", np.atleast_2d(given))
         check_shape("covariance", matrix, "(1, 1)", "(2, 2)")
         _VARIANCE.array("covariance", np.diagonal(matrix))
         self._keep("covariance", matrix)

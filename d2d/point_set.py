@@ -131,10 +131,8 @@ class PointSet(Frozen):
         covariance of a rotation too small, see `propagate_covariance`.
         """
         r, phi = check_positive("range", range), ANGLE.array("azimuth", azimuth)
-        sr, sp = (
-            check_positive("sigma_range", sigma_range),
-            check_positive("sigma_azimuth", sigma_azimuth),
-        )
+        sr = check_positive("sigma_range", sigma_range)
+        sp = check_positive("sigma_azimuth", sigma_azimuth)
         check_shape("range", r, "(..., N)")
         shape = broadcast_batches(
             "range, azimuth, sigma_range and sigma_azimuth", r.shape, phi.shape, sr.shape, sp.shape
@@ -214,9 +212,8 @@ class PointSet(Frozen):
 
     def __repr__(self) -> str:
         batch = f"batch of {self.batch_shape}, " if self.batch_shape else ""
-        low, high = (
-            bound(self.means.reshape(-1, self.dimension), axis=0) for bound in (np.min, np.max)
-        )
+        places = self.means.reshape(-1, self.dimension)
+        low, high = places.min(axis=0), places.max(axis=0)
         within = " x ".join(f"[{a:.4g}, {b:.4g}]" for a, b in zip(low, high, strict=True))
         sigmas = np.sqrt(np.diagonal(self.covariances, axis1=-2, axis2=-1))
         return (
@@ -264,9 +261,8 @@ class PointSet(Frozen):
             return tiles.none_for(math.prod(self.batch_shape))
         key = outlier[layout.PRECISION_XX :].tobytes()
         if key not in self._fields:
-            self._fields[key] = tiles.tiles_of(
-                self._layout.packed.reshape(-1, 6, self.size), outlier
-            )
+            sets = self._layout.packed.reshape(-1, 6, self.size)
+            self._fields[key] = tiles.tiles_of(sets, outlier)
         return self._fields[key]
 
     @cached_property

@@ -44,9 +44,8 @@ class Pair(NamedTuple):
     def inflated(self, scale: float) -> "Pair":
         """The pair with all standard deviations multiplied by ``scale``."""
         measurement = None if self.measurement is None else self.measurement.inflated(scale)
-        return Pair(
-            self.fixed.inflated(scale), self.moving.inflated(scale), measurement, self.interval
-        )
+        fixed, moving = self.fixed.inflated(scale), self.moving.inflated(scale)
+        return Pair(fixed, moving, measurement, self.interval)
 
 
 class CostForm(NamedTuple):
@@ -71,9 +70,8 @@ class Bound(NamedTuple):
     def only(self, which: NDArray[np.bool_]) -> "Bound":
         """The selected problems, each of which has a single pair."""
         pairs, intervals = self.batch.pairs[which], self.batch.intervals[which]
-        batch = self.batch._replace(
-            pairs=pairs, intervals=intervals, first=np.arange(len(pairs) + 1)
-        )
+        first = np.arange(len(pairs) + 1)
+        batch = self.batch._replace(pairs=pairs, intervals=intervals, first=first)
         return Bound(self.thetas[which], batch, (len(pairs),))
 
 
