@@ -105,9 +105,8 @@ def propagate_covariance(
 
 def _warn_of_long_targets(fixed: PointSet, moving: PointSet) -> None:
     """Warn where targets are so long that the cost is not quadratic over a standard deviation."""
-    aspect = max(
-        float(points._layout.extremes[:, layout.LARGEST_ASPECT].max()) for points in (fixed, moving)
-    )
+    extremes = np.concatenate([fixed._layout.extremes, moving._layout.extremes])
+    aspect = float(extremes[:, layout.LARGEST_ASPECT].max())
     if fixed.dimension == 2 and aspect > LONG:
         warnings.warn(
             f"covariances up to {aspect:.0f} times as long as wide, above {LONG:.0f}, make the "
@@ -167,9 +166,8 @@ def _measurement_sigma(measurement: LinearMeasurement, bound: Bound, part: slice
     theta = bound.thetas[part, : measurement.parameters]
     xi = rigid.logarithm(theta) if measurement.of_twist else theta
     predicted = (select(measurement.slope, 2, bound, part) @ xi[..., None])[..., 0]
-    sigma, by_input = (
-        select(each, 1, bound, part) for each in (measurement.sigma, measurement.sigma_input)
-    )
+    sigma = select(measurement.sigma, 1, bound, part)
+    by_input = select(measurement.sigma_input, 1, bound, part)
     return np.asarray(np.hypot(sigma, by_input * predicted))
 
 

@@ -43,9 +43,8 @@ def pair_up(shifted: Array, turned: Array, spread: Array, slope: Array, fixed: P
         return Pairs(log, -u)
     lever = (turned @ TURN.T)[:, :, None]
     bent = (slope[:, :, None] @ u[..., None])[..., 0]  # C_phi u
-    by_angle = (u * (0.5 * bent - lever)).sum(axis=-1) - 0.5 * np.einsum(
-        "bkixy,bkyx->bki", b, slope
-    )
+    trace = np.einsum("bkixy,bkyx->bki", b, slope)  # of B C_phi
+    by_angle = (u * (0.5 * bent - lever)).sum(axis=-1) - 0.5 * trace
     return Pairs(log, np.concatenate([-u, by_angle[..., None]], axis=-1))
 
 

@@ -147,9 +147,8 @@ def godambe(scores: Array, hessians: Array, labels: NDArray[Any]) -> Array:
     leverage, axes = np.linalg.eigh(0.5 * (together + np.swapaxes(together, 1, 2)))
     along = np.einsum("kij,ki->kj", axes, scores @ back.T)
     rest = 1.0 - np.minimum(leverage, _MAX_LEVERAGE)
-    both = np.concatenate(
-        [np.einsum("kij,kj->ki", axes, along * rest**power) for power in (-0.5, -1.0)], axis=1
-    )
+    steps = [along * rest**power for power in (-0.5, -1.0)]
+    both = np.concatenate([np.einsum("kij,kj->ki", axes, step) for step in steps], axis=1)
     scatter = both.T @ totals(both)
     scatter = 0.5 * (scatter + scatter.T)
     unbiased, jackknife = (scatter[i : i + p, i : i + p] - np.eye(p) for i in (0, p))

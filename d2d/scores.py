@@ -120,9 +120,8 @@ def crps(errors: ArrayLike, sigmas: ArrayLike) -> Array:
     e, s = check_finite("errors", errors), check_positive("sigmas", sigmas)
     z = e / s
     density = np.exp(-0.5 * z * z) / math.sqrt(2.0 * math.pi)
-    return np.asarray(
-        s * (z * (2.0 * scipy.special.ndtr(z) - 1.0) + 2.0 * density - 1.0 / math.sqrt(math.pi))
-    )
+    tails = z * (2.0 * scipy.special.ndtr(z) - 1.0)
+    return np.asarray(s * (tails + 2.0 * density - 1.0 / math.sqrt(math.pi)))
 
 
 def coverage(errors: ArrayLike, covariances: ArrayLike, levels: ArrayLike = LEVELS) -> Array:
