@@ -294,7 +294,6 @@ def compare_tracks(first: Track, second: Track) -> Comparison:
     errors = first.theta - second.at(first.times).theta
     before, after, weight, _ = neighbours(second, first.times)
     late = weight[:, np.newaxis, np.newaxis]
-    covariances = first.covariance + (
-        (1.0 - late) ** 2 * second.covariance[before] + late**2 * second.covariance[after]
-    )
+    earlier, later = second.covariance[before], second.covariance[after]
+    covariances = first.covariance + ((1.0 - late) ** 2 * earlier + late**2 * later)
     return enough(Comparison.from_errors(first, errors, covariances), "first and second have")

@@ -122,10 +122,8 @@ def range_rates_agree(scans: Sequence[RadarScan]) -> float:
 
 def latest(motions: Mapping[str, SensorMotion]) -> tuple[str, float, float]:
     """The sensor whose clock most surely is late beside the others', by how much (s), and nats."""
-    lags = {
-        pair: _lag(motions[pair[0]], motions[pair[1]])
-        for pair in itertools.combinations(motions, 2)
-    }
+    pairs = itertools.combinations(motions, 2)
+    lags = {(a, b): _lag(motions[a], motions[b]) for a, b in pairs}
     lags |= {(b, a): (-lag, nats) for (a, b), (lag, nats) in lags.items()}
     found = []
     for name in motions:

@@ -182,9 +182,8 @@ class _Measured(NamedTuple):
         weighted = (share / self.variance)[:, None] * both[:, :2]
         sums = np.array([weighted[scan].T @ both[scan] for scan in scans])
         pulls = np.linalg.solve(np.eye(2) + sums[..., :2], sums[..., 2:])
-        return np.concatenate(
-            [weighted[scan] @ pull for scan, pull in zip(scans, pulls, strict=True)]
-        )
+        losses = [weighted[scan] @ pull for scan, pull in zip(scans, pulls, strict=True)]
+        return np.concatenate(losses)
 
 
 class Budgeted(NamedTuple):

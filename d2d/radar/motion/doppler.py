@@ -73,9 +73,8 @@ def doppler_acceleration(
     """
     value, covariance = np.zeros(3), before
     for previous, current, mounting in changes:
-        (first, seen), (second, seen_later) = (
-            _sensor_fit(scan, mounting) for scan in (previous, current)
-        )
+        first, seen = _sensor_fit(previous, mounting)
+        second, seen_later = _sensor_fit(current, mounting)
         if min(len(seen), len(seen_later)) < _MIN_SEEN:
             continue
         interval = current.time - previous.time

@@ -123,9 +123,8 @@ def begin(
     value, own = acceleration
     slow = np.column_stack([given.slow, -given.lag * value])
     late = given.delay @ own
-    covariance = np.block(
-        [[given.white + slow @ slow.T + late @ given.delay.T, -late], [-late.T, own]]
-    )
+    of_velocity = given.white + slow @ slow.T + late @ given.delay.T
+    covariance = np.block([[of_velocity, -late], [-late.T, own]])
     mean = np.concatenate([given.velocity - given.delay @ value, value])
     cross = np.vstack([-slow, np.zeros_like(slow)])
     if bias is not None:
@@ -300,9 +299,8 @@ def smooth_mixtures(filtered: list[Mixture]) -> list[Mixture]:
         shares = of_pairs.sum(axis=1)
         before = Belief(*(each[:, None] for each in now.modes))
         ahead = _moved(before, later.passed)
-        gain = np.linalg.solve(
-            ahead.remainder, _transition(later.passed, len(now.mean)) @ before.remainder
-        )
+        move = _transition(later.passed, len(now.mean))
+        gain = np.linalg.solve(ahead.remainder, move @ before.remainder)
         modes = _smoothed(before, ahead, later.modes, np.asarray(gain.swapaxes(-1, -2)))
         smoothed[i] = now._replace(shares=shares, modes=modes.combined(of_pairs / shares[:, None]))
         back = np.einsum("jk,jkab->ab", of_pairs, gain)

@@ -238,11 +238,8 @@ class Track(Frozen):
         first = values[0] - ratio * (values[later] - values[0])
         errors = errors[used]
         errors[0, 0] = np.eye(*errors.shape[2:])  # the first two have one error
-        return Knots(
-            np.append(begin, known),
-            np.vstack([first, values]),
-            np.concatenate([errors[:1], errors]),
-        )
+        errors = np.concatenate([errors[:1], errors])
+        return Knots(np.append(begin, known), np.vstack([first, values]), errors)
 
     @property
     def systematic(self) -> Array | None:
