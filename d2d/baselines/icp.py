@@ -117,11 +117,10 @@ def icp(
     iterations = np.zeros(len(theta), dtype=np.int64)
     while active.any() and len(thetas) <= max_iterations:
         before, partner = moved[active], paired[active]
-        step = (
-            fit_rigid(target[partner], before)
-            if normals is None
-            else _line_step(target[partner], normals[partner], before)
-        )
+        if normals is None:
+            step = fit_rigid(target[partner], before)
+        else:
+            step = _line_step(target[partner], normals[partner], before)
         after = rigid.transform_means(step, before)
         theta, rms = theta.copy(), rms.copy()
         theta[active] = rigid.compose(step, theta[active])
