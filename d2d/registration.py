@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -163,19 +163,19 @@ def multi_start(
     spread = tried.reshape(len(tried), *(1,) * axes, tried.shape[-1])
     if fixed.dimension == 2:
         spread = rigid.about(moving.means.mean(axis=-2), spread)
-    found = register(fixed, moving, cost, spread, scales, measurement=measurement, threads=threads)
-    return best_of(found)
+    optima = register(fixed, moving, cost, spread, scales, measurement=measurement, threads=threads)
+    return best_of(optima)
 
 
-def best_of(found: Estimate) -> Estimate:
+def best_of(optima: Estimate) -> Estimate:
     """The converged estimate of lowest cost among several starts, which are the first axis.
 
     Its iterations are the total over all starts.  Where none converged, it is the first.
     """
-    best = np.argmin(np.where(found.converged, found.value, np.inf), axis=0)
+    best = np.argmin(np.where(optima.converged, optima.value, np.inf), axis=0)
     index = (best, *np.indices(best.shape))
-    picked = {f.name: np.asarray(getattr(found, f.name)[index]) for f in fields(Estimate)}
-    return Estimate(**picked | {"iterations": np.asarray(found.iterations.sum(axis=0))})
+    picked = {name: np.asarray(values[index]) for name, values in vars(optima).items()}
+    return Estimate(**picked | {"iterations": np.asarray(optima.iterations.sum(axis=0))})
 
 
 def start_grid(reach: float, spacing: float, angles: ArrayLike = (0.0,)) -> Array:
