@@ -106,7 +106,6 @@ class Bounded:
                 object.__setattr__(self, each.name, value)
 
 
-check_scalar = FINITE.number
 check_positive, check_positive_scalar = POSITIVE.array, POSITIVE.number
 check_fraction = Bounds(least=0.0, most=1.0).number
 

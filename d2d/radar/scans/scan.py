@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from d2d import rigid
 from d2d._checks import (
     ANGLE,
+    FINITE,
     METRES,
     NOT_NEGATIVE,
     POSITIVE,
@@ -22,7 +23,6 @@ from d2d._checks import (
     check_covariances,
     check_finite,
     check_positive_scalar,
-    check_scalar,
     check_shape,
     number,
 )
@@ -132,7 +132,7 @@ class RadarScan(Frozen):
         elevation: ArrayLike | None = None,
         sigma_elevation: ArrayLike | None = None,
     ) -> None:
-        self._keep("time", check_scalar("time", time))
+        self._keep("time", FINITE.number("time", time))
         if sigma_elevation is None:
             sigma_elevation = 0.0 if elevation is None else sigma_azimuth
         if elevation is None:
