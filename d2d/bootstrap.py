@@ -106,17 +106,6 @@ def block_bootstrap(
     return np.asarray(np.quantile(drawings, [tail, 1.0 - tail], axis=0))
 
 
-def block_sums(series: Array, block: int) -> Array:
-    """Sums of every ``block`` successive rows of a series (N, ...), which is joined end to end.
-
-    Their squares, added up and divided by ``block``, are the variance that the sum of a centred
-    series has over the drawings of `block_bootstrap`.
-    """
-    ring = np.concatenate([np.zeros_like(series[:1]), series, series[: block - 1]])
-    totals = ring.cumsum(axis=0)
-    return np.asarray(totals[block:] - totals[:-block])
-
-
 def block_length(series: ArrayLike) -> int:
     r"""Block length with which `block_bootstrap` best estimates the variance of a series' mean.
 
