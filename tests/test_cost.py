@@ -135,9 +135,6 @@ def test_inlier_probabilities_at_the_ends_of_alpha():
         assert_array_equal(problem.with_(cost=ends).inlier_probabilities(), expected)
 
 
-# ---- Units ------------------------------------------------------------------------------------
-
-
 @given(
     seeds,
     st.sampled_from([case for case in all_cases() if not case["measured"]]),

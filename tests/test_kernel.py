@@ -9,8 +9,6 @@ from numpy.testing import assert_allclose
 from d2d import CorruptedGaussian, PointSet, RegistrationCost, UniformOutlier, rigid
 from d2d._kernel import layout
 
-# ---- Outlier models ---------------------------------------------------------------------------
-
 
 def test_an_outlier_component_that_is_not_known_is_refused():
     """Breaks if a new density that one pass does not know counts as none there: the estimate is
@@ -22,16 +20,9 @@ def test_an_outlier_component_that_is_not_known_is_refused():
     outlier[layout.KIND] = 17
     unknown = replace(problem, form=problem.form._replace(outlier=outlier))
     bound = unknown.bind(theta)
-    for use in (
-        unknown.derivatives,
-        unknown.inlier_shares,
-        lambda b: unknown.cross_derivatives(b, 0, 1),
-    ):
+    for use in (unknown.derivatives, unknown.inlier_shares, unknown.cross_derivatives):
         with pytest.raises(ValueError, match="does not know this kind of outlier"):
             use(bound)
-
-
-# ---- Far away ---------------------------------------------------------------------------------
 
 
 def test_an_elongated_component_far_away_still_pulls():

@@ -69,9 +69,6 @@ def test_batch_axes_broadcast(dimension):
                 assert_allclose(every[i, 0], function(theta[i, 0]), rtol=1e-14)
 
 
-# ---- SE(2) ------------------------------------------------------------------------------------
-
-
 def twists() -> st.SearchStrategy[np.ndarray]:
     return st.tuples(reals(-50.0, 50.0), reals(-50.0, 50.0), reals(-6.0, 6.0)).map(np.array)
 

@@ -101,9 +101,6 @@ def test_a_bundle_narrower_than_the_azimuths_error_does_not_invent_a_velocity_ac
         assert abs(across) < 10.0
 
 
-# ---- several sensors
-
-
 def views_of(rng, theta, size=40, noise=0.06, mountings=AROUND):
     """A scan of static targets by each sensor; the Doppler follows the true azimuth."""
     views = []

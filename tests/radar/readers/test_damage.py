@@ -191,8 +191,6 @@ def test_a_sequence_is_a_folder_of_the_data_set(tmp_path, place):
         load_radarscenes(root, place, 3)
 
 
-# ---- texts, byte by byte
-
 TEXTS: dict[str, tuple[str, Callable[[Path], Any]]] = {
     "log": (
         "time,sensor,range,azimuth,doppler\n0.1,a,5.5,0.1,-1\n0.1,a,6,0.2,-1\n0.2,b,5,0.1,-1\n",

@@ -175,9 +175,6 @@ def change(root: Path, name: str, edit: Any) -> None:
     path.write_text(json.dumps(changed))
 
 
-# ---- what is read
-
-
 def test_scans_of_one_radar_in_one_scene_in_time_order(root, monkeypatch):
     """Breaks if samples and sweeps are not merged, scenes or channels get mixed up, a tilde is
     taken for a folder's name, or valid states, ambiguity or the columns' order not heeded."""
@@ -254,9 +251,6 @@ def test_the_strongest_targets_are_kept_in_their_order(root):
         assert_allclose(scan.range, np.hypot(*np.array(TARGETS)[kept, :2].T), rtol=1e-6)
 
 
-# ---- the reference
-
-
 def test_the_reference_is_the_derivative_of_the_poses(root):
     """Breaks if the offset has the other sign, or velocities are not along the vehicle's axes."""
     for offset in (0.08, 0.0, -0.05):
@@ -301,9 +295,6 @@ def test_without_a_can_bus_the_ego_poses_are_differentiated(root):
         load(root)
 
 
-# ---- what is not there
-
-
 def test_the_version_of_the_tables_is_named_if_there_are_several(root):
     """Breaks if the first of them is taken, or a folder without any."""
     with pytest.raises(FileNotFoundError, match=r"v1\.0-\* does not exist; it should be"):
@@ -340,9 +331,6 @@ def test_a_radar_without_scans_or_with_two_mountings_is_named(root):
     change(root, "sample_data", lambda rows: [r for r in rows if "FRONT" not in r["filename"]])
     with pytest.raises(ValueError, match="no scan of RADAR_FRONT in scene-0001"):
         load(root)
-
-
-# ---- what is not right
 
 
 def refused(root: Path, path: Path) -> str:

@@ -223,9 +223,6 @@ def test_the_axle_slips_by_a_law_or_in_proportion(root):
         assert_allclose(v_y, (lever(v_x) if lever else -0.05 * v_x) * omega, rtol=1e-12)
 
 
-# ---- what is not there
-
-
 def test_a_sequence_or_a_sensor_that_is_not_there_is_named(root):
     """Breaks if another is read, or a recording without scans is returned."""
     for sequence in (8, "sequence_8", "7" * 1000):
@@ -238,8 +235,6 @@ def test_a_sequence_or_a_sensor_that_is_not_there_is_named(root):
     with pytest.raises(ValueError, match=r"scenes\.json has no scan of sensor 4"):
         load_radarscenes(root, 7, 4)
 
-
-# ---- what is not right
 
 TARGETS, ODOMETRY = tables(like_the_original=True)
 
@@ -332,8 +327,6 @@ def test_scans_that_do_not_fit_the_targets_are_refused(root, stamp, indices, fil
     (root / SCENES).write_text(json.dumps(content))
     assert said in refused(root, file)
 
-
-# ---- the real data
 
 SENSOR_IDS = (1, 2, 3, 4)
 

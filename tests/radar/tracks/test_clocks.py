@@ -209,9 +209,6 @@ def test_times_of_different_days_are_refused():
         track({**sensors, "rear": (shifted(scans, 0, 86400.0), at)})
 
 
-# ---- what is there twice
-
-
 @either
 @pytest.mark.parametrize("later", [0.0, 0.1], ids=["message", "frozen"])
 def test_a_scan_that_repeats_the_one_before_is_left_out_with_a_word(given, later):
