@@ -32,8 +32,6 @@ def sensor_velocity(scan: RadarScan, mounting: Mounting) -> Array:
     fixed set (random in Kellner et al. 2013) gives a hypothesis of u; the one that most targets
     agree with, or if none do, all targets, are fitted by weighted least squares.  A component that
     is not observable is zero.
-
-    Raises a ``ValueError`` if ``scan`` is not a `RadarScan` or ``mounting`` not a `Mounting`.
     """
     check_instance("scan", scan, RadarScan)
     check_instance("mounting", mounting, Mounting)

@@ -45,8 +45,6 @@ class EstimationOptions(ModelOptions, total=False):
 class EgoMotionModel(Frozen):
     """The model behind the cost of a velocity; its fields are the options of all that use it.
 
-    Raises a ``ValueError`` if one is invalid.
-
     Attributes
     ----------
     doppler : bool

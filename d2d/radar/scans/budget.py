@@ -13,8 +13,7 @@ class ErrorBudget(Bounded):
     """Standard deviations of the errors that many targets share, or that no target explains.
 
     They add to the covariance of a track, and a part of them lessens the weight of its Doppler
-    velocities.  Raises a ``ValueError`` if a number is negative or above 1000, or the azimuth's
-    above 2π.
+    velocities.  None is negative or above 1000.
 
     Attributes
     ----------

@@ -27,8 +27,6 @@ class VehicleLimits:
 
     The defaults are somewhat beyond what a car does; ``math.inf`` switches a limit off.  An
     estimate that exceeds one by more than three of its own standard deviations is not accepted.
-    Raises a ``ValueError`` if a limit is not positive.
-
     The velocity may have changed since the last accepted estimate by the acceleration times the
     time that has passed; beyond half a second, as nobody brakes or turns in like that for long, by
     that times the square root of the time.

@@ -65,8 +65,6 @@ class Track(Frozen):
     ``segments`` begins, and the path goes on from the pose before.  Only within a segment are times
     in order; `at`, `displacement` and `write_tum` need a track of one.
 
-    Raises a ``ValueError`` if shapes or types do not match, or fields contradict each other.
-
     Attributes
     ----------
     times : (n,) array, s
