@@ -11,6 +11,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from d2d._kernel.layout import SINGULAR
 from d2d._types import Array
 
 T = TypeVar("T")
@@ -258,15 +259,15 @@ def symmetrise(name: str, array: Array) -> None:
 
 
 def is_positive_definite(array: Array) -> bool:
-    """Whether all symmetric matrices (..., D, D) are positive definite."""
-    if array.shape[-1] == 2:  # in closed form, which is faster for many small ones
-        xx, xy, yy = array[..., 0, 0], array[..., 0, 1], array[..., 1, 1]
-        return bool(((xx > 0) & (yy > 0) & (xx * yy - xy * xy > 0)).all())
-    try:
-        np.linalg.cholesky(array)
-    except np.linalg.LinAlgError:
+    """Whether all symmetric matrices (..., D, D) are positive definite, by more than rounding."""
+    variances = np.diagonal(array, axis1=-2, axis2=-1)
+    if not (variances > 0.0).all():
         return False
-    return True
+    sigmas = np.sqrt(variances)
+    correlations = array / (sigmas[..., :, None] * sigmas[..., None, :])
+    if array.shape[-1] == 2:  # in closed form, which is faster for many small ones
+        return bool((1.0 - correlations[..., 0, 1] ** 2 > SINGULAR).all())
+    return bool((np.linalg.eigvalsh(correlations)[..., 0] > SINGULAR).all())
 
 
 def broadcast_batches(name: str, *shapes: tuple[int, ...]) -> tuple[int, ...]:

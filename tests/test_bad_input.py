@@ -51,7 +51,7 @@ def one_wrong(matrix: Any) -> np.ndarray:
 
 NOT_COVARIANCES = (
     np.zeros((2, 2)),
-    [[1.0, 2.0], [2.0, 1.0]],
+    *([[1.0, xy], [xy, 1.0]] for xy in (2.0, 1.0 - 1e-15)),  # the other singular but for rounding
     [[1.0, 0.5], [0.1, 1.0]],
     [[NAN, 0.0], [0.0, 1.0]],
 )

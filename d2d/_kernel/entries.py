@@ -7,7 +7,7 @@ from d2d._kernel.charts import centred_chart, exponential_chart, logarithm_chart
 from d2d._kernel.compile import compiled, entry
 from d2d._kernel.cost import evaluate_block, motion_chart, pair_at, setting_of
 from d2d._kernel.jets import through_chart
-from d2d._kernel.layout import WEIGHT, XX, XY, YY, X, Y, work_in
+from d2d._kernel.layout import SINGULAR, WEIGHT, XX, XY, YY, X, Y, work_in
 from d2d._kernel.newton import invert, minimise, moving_targets
 from d2d._kernel.pairs import find_extremes
 from d2d._kernel.rows import LANES
@@ -34,7 +34,7 @@ def are_good_targets(means, covariances, weights):
             xy, yy = covariances[k, 0, 1], covariances[k, 1, 1]
             good = good and abs(means[k, 1]) <= layout.MAX_LENGTH
             good = good and layout.MIN_VARIANCE <= yy <= layout.MAX_VARIANCE
-            good = good and xy == covariances[k, 1, 0] and 0.0 < xx * yy - xy * xy < math.inf
+            good = good and xy == covariances[k, 1, 0] and xx * yy - xy * xy > SINGULAR * (xx * yy)
         if not good:
             return False
     return True
@@ -54,13 +54,13 @@ def place_polar_targets(polar, direction, extent, origin, means, covariances):
         c, s, added = cosine[k], sine[k], extent[k] * extent[k]
         across = r[k] * sigma_phi[k]
         radial, across = sigma_r[k] * sigma_r[k], across * across
-        xx = radial * (c * c) + across * (s * s)
+        xx = radial * (c * c) + across * (s * s) + added
         xy = (radial - across) * c * s
-        yy = radial * (s * s) + across * (c * c)
-        good = good and min(xx, yy) >= layout.MIN_VARIANCE and xx * yy - xy * xy > 0.0
-        good = good and max(xx, yy) <= layout.MAX_VARIANCE and r[k] <= layout.MAX_LENGTH
+        yy = radial * (s * s) + across * (c * c) + added
+        good = good and min(xx, yy) >= layout.MIN_VARIANCE and max(xx, yy) <= layout.MAX_VARIANCE
+        good = good and xx * yy - xy * xy > SINGULAR * (xx * yy) and r[k] <= layout.MAX_LENGTH
         means[k, 0], means[k, 1] = r[k] * c + origin[0], r[k] * s + origin[1]
-        covariances[k, 0, 0], covariances[k, 1, 1] = xx + added, yy + added
+        covariances[k, 0, 0], covariances[k, 1, 1] = xx, yy
         covariances[k, 0, 1] = covariances[k, 1, 0] = xy
     return good
 

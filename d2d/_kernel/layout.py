@@ -28,6 +28,7 @@ FIXED_START, FIXED_SIZE, FIXED_SET, MOVING_START, MOVING_SIZE, MOVING_SET, FACTO
 MIN_WEIGHT, MAX_WEIGHT = 1e-100, 1e100  # of a component, so that no sum over- or underflows
 # Beyond these bounds squares and products of a cost's terms over- or underflow.
 MAX_LENGTH, MIN_VARIANCE, MAX_VARIANCE = 1e40, 1e-80, 1e80  # m, m^2
+SINGULAR = 1e-14  # determinant of correlations, up to which a covariance may be singular
 # A set on a line is stored with y = 0 and this variance, so that its density along y is exactly 1.
 UNIT_DENSITY_VARIANCE = 1.0 / (2.0 * math.pi)
 # Columns of the bounds of a fixed set, see `pairs.find_extremes`.

@@ -37,7 +37,7 @@ _STEP = POSITIVE._replace(most=1e50)  # its square is finite
 
 _SPEED = Bounds(most=1e4, unit="in m/s, ", hint="; are these millimetres per second?")
 _STEEPEST = 0.05  # cosine of the elevation beyond which a target shows no horizontal motion
-_LONGEST = 1e9  # ratio of the axes of a covariance, beyond which it is singular in float64
+_LONGEST = 1e7  # ratio of the axes of a covariance, beyond which it may round to a singular one
 _LEAST = 1e-9  # of standard deviations, whose squares the cost can hold beside others
 
 # What a scan's columns hold; a radar of a vehicle sees no target beyond 10 km.

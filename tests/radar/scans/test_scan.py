@@ -6,6 +6,7 @@ point seen from a sensor that really moves, covariances against draws.
 
 import cmath
 import pydoc
+from contextlib import suppress
 from itertools import product
 
 import numpy as np
@@ -143,6 +144,19 @@ def test_a_scan_may_be_empty():
         empty.point_set(Mounting())
     none = RadarScan.from_cartesian(1.0, [], [], velocity=np.zeros((0, 2)), grid=0.2, step=0.25)
     assert len(none) == none.size == 0
+
+
+def test_a_scan_that_is_accepted_has_a_point_set():
+    """Breaks if a covariance that is singular in float64 is found only when a round needs it."""
+    given, azimuth = [], np.linspace(-3.1, 3.1, 50)
+    sigmas = 10.0 ** np.arange(-9.0, 0.1, 0.25)
+    for *sigma, extent in product(sigmas, sigmas, (0.0, 1e-9, 1.0)):
+        with suppress(ValueError):
+            scan = RadarScan(0.0, 9.0 + 0.0 * azimuth, azimuth, azimuth, *sigma, 0.1, extent)
+            given.append(scan)
+    for scan in given:
+        assert (np.linalg.det(scan.point_set(CORNER).covariances) > 0.0).all()
+    assert len(given) > 1000
 
 
 def test_indexing_selects_targets_with_all_that_is_known_of_them():
