@@ -6,9 +6,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from d2d._checks import NOT_NEGATIVE, POSITIVE, Bounded, check_finite, number
+from d2d._checks import Bounded, Bounds, check_finite, check_shape, number
 from d2d._types import Array
 
+_FASTEST = 1e3  # rad/s, beyond which no vehicle turns
+_RATE = Bounds(most=_FASTEST, unit="in rad/s, ", hint="; are these degrees per second?")
 _LONGEST = 0.3  # s before a round, of which the mean yaw rate is used
 
 
@@ -28,8 +30,8 @@ class Gyro(Bounded):
         Counter-clockwise as seen from above.
     """
 
-    sigma: float = number(float(np.deg2rad(0.1)), POSITIVE)
-    bias: float = number(float(np.deg2rad(1.0)), NOT_NEGATIVE)
+    sigma: float = number(float(np.deg2rad(0.1)), Bounds(least=1e-9, most=_FASTEST))
+    bias: float = number(float(np.deg2rad(1.0)), Bounds(least=0.0, most=_FASTEST))
     times: ArrayLike = field(default_factory=lambda: np.empty(0))
     yaw_rates: ArrayLike = field(default_factory=lambda: np.empty(0))
 
@@ -41,7 +43,8 @@ class Gyro(Bounded):
 def check_rates(times: ArrayLike, yaw_rates: ArrayLike) -> tuple[Array, Array]:
     """The yaw rates of a gyro at their times (n,), checked."""
     known = check_finite("times", times, "(n,)")
-    rates = check_finite("yaw_rates", yaw_rates, f"({len(known)},)", like="times")
+    rates = _RATE.array("yaw_rates", yaw_rates)
+    check_shape("yaw_rates", rates, f"({len(known)},)", like="times")
     if not (np.diff(known) > 0.0).all():
         raise ValueError("times of the gyro must be strictly increasing, but are not")
     return known, rates

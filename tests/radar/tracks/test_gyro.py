@@ -67,7 +67,9 @@ def test_a_tracker_uses_what_it_has_been_given():
     [
         (lambda: Gyro(times=[0.0, 0.0], yaw_rates=[0.0, 0.0]), "times of the gyro must be"),
         (lambda: Gyro(times=[0.0], yaw_rates=[0.0, 0.0]), "yaw_rates must have the shape"),
+        (lambda: Gyro(times=[0.0], yaw_rates=[1e6]), "yaw_rates must be in rad/s"),
         (lambda: Gyro(sigma=0.0), "sigma must be"),
+        (lambda: Gyro(bias=1e200), "bias must be"),
         (lambda: track(DRIVE, gyro=1.0), "gyro must be a Gyro"),
         (lambda: track(DRIVE, gyro=gyro(), carry=False), "gyro must be None without carry"),
         (lambda: Tracker({"a": CAR_MOUNTING}).add_gyro([0.0], [0.0]), "gyro must be given to"),
