@@ -390,7 +390,8 @@ def _rows(name: str, value: Any, count: int) -> NDArray[Any]:
         raise ValueError(f"{name} must be an array of {kind.__name__}, but is of {array.dtype}")
     shape = (count, *_ROW_SHAPES.get(name, ()))
     if name == "errors":  # of any number of slow errors
-        shape = (count, 2, *array.shape[2:][-2:])
+        size = 7 if array.shape[2:3] == (7,) else 6
+        shape = (count, 2, size, max((size, *array.shape[3:4])))
     check_shape(name, array, str(shape))
     return array
 
