@@ -22,6 +22,8 @@ from d2d._checks import (
     broadcast_batches,
     check_covariances,
     check_finite,
+    check_instance,
+    check_members,
     check_positive_scalar,
     check_shape,
     number,
@@ -273,6 +275,7 @@ class RadarScan(Frozen):
 
         The extent is added.  Raises a ``ValueError`` if the scan is empty.
         """
+        check_instance("mounting", mounting, Mounting)
         return _placed(*level(self, mounting))
 
     def doppler_measurement(
@@ -289,6 +292,7 @@ class RadarScan(Frozen):
         enters through their derivative (thesis sec. 7.1).  If not ``of_twist``, the translation is
         v tau, as in the thesis.  The velocity at the scan is ``ahead`` (3,) of the interval's mean.
         """
+        check_instance("mounting", mounting, Mounting)
         check_positive_scalar("interval", interval)
         scan, mounting = level(self, mounting)
         gain, slope = _gradients(*_direction(scan, mounting), mounting)
@@ -396,6 +400,7 @@ def doppler_velocity(theta: ArrayLike, azimuth: ArrayLike, mounting: Mounting) -
     eq. 7.10; Barjenbruch et al. 2015), with ``theta`` (..., 3) = [v_x, v_y, omega] in m/s, m/s,
     rad/s of the vehicle, and the ``azimuth`` phi (..., K) in rad of the sensor.
     """
+    check_instance("mounting", mounting, Mounting)
     motion = rigid.motion("theta", theta, 2)
     gain, _ = doppler_gradients(BOUNDS["azimuth"].array("azimuth", azimuth), mounting)
     check_shape("azimuth", gain[..., 0], "(..., K)")
@@ -407,6 +412,8 @@ def over_ground_undone(
     scans: Sequence[RadarScan], theta: Array, mounting: Mounting
 ) -> list[RadarScan]:
     """Scans as measured, of a sensor that compensated its motion by velocities (n, 3) ``theta``."""
+    scans = check_members("scans", scans, RadarScan)
+    theta = check_finite("theta", theta, f"({len(scans)}, 3)", like="scans")
     return [
         replace(scan, doppler=scan.doppler + doppler_velocity(velocity, scan.azimuth, mounting))
         for scan, velocity in zip(scans, theta, strict=True)
@@ -420,7 +427,8 @@ def unfolded(
 
     The velocities ``theta`` (n, 3) of the vehicle need not be exact: to within ``limit`` is enough.
     """
-    over_ground = over_ground_undone(scans, -theta, mounting)
+    check_positive_scalar("limit", limit)
+    over_ground = over_ground_undone(scans, -check_finite("theta", theta), mounting)
     return [
         replace(scan, doppler=scan.doppler - 2.0 * limit * np.round(0.5 * own.doppler / limit))
         for scan, own in zip(scans, over_ground, strict=True)

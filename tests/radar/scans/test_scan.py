@@ -14,7 +14,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from d2d.radar import ErrorBudget, Mounting, RadarScan, doppler_velocity, quantisation_sigma
-from d2d.radar.scans.scan import doppler_gradients
+from d2d.radar.scans.scan import doppler_gradients, unfolded
 from tests.radar.scenes import AROUND, CORNER, arc, frame
 from tests.strategies import central_difference
 
@@ -264,6 +264,7 @@ OF_BUDGET = [
 OF_DOPPLER = [
     *(("theta", [1.0, 2.0], "have the shape"), ("theta", [1.0, 2.0, np.nan], "be finite")),
     *(("azimuth", [np.inf], "be finite"), ("azimuth", 0.3, "have the shape")),
+    ("mounting", None, "be a Mounting"),
     ("azimuth", [0.1, 88.0], "be in radians .* 88; are these degrees"),
 ]
 OF_POSITIONS = [
@@ -275,6 +276,11 @@ OF_POSITIONS = [
     *((f"sigma_{name}", 0.0, "be positive") for name in ("range", "doppler")),
     ("sigma_azimuth", np.ones(4), "have the shape"),
 ]
+OF_SCANS = [
+    *(("limit", 0.0, "be positive"), ("mounting", None, "be a Mounting")),
+    *(("theta", np.zeros((3, 3)), "have the shape"), ("scans", None, "be a sequence")),
+]
+SCANS = {"scans": [random_scan()], "theta": [THREE], "mounting": Mounting(), "limit": 9.0}
 POSITIONS = {"time": 0.0, "x": X, "y": Y, "doppler": DOPPLER, **ERRORS}
 MOTION = {"theta": THREE, "azimuth": [0.0], "mounting": Mounting()}
 
@@ -287,6 +293,8 @@ MOTION = {"theta": THREE, "azimuth": [0.0], "mounting": Mounting()}
         (ErrorBudget, {}, OF_BUDGET),
         (doppler_velocity, MOTION, OF_DOPPLER),
         (RadarScan.from_cartesian, POSITIONS, OF_POSITIONS),
+        (unfolded, SCANS, OF_SCANS),
+        (random_scan().point_set, {"mounting": Mounting()}, OF_SCANS[1:2]),
     ],
 )
 def test_bad_input_is_refused_by_name(make, good, cases):
@@ -312,6 +320,8 @@ def test_arguments_that_do_not_go_together_are_refused():
         RadarScan(**(good_arguments() | {"range": np.ones(4)}))
     with pytest.raises(ValueError, match="theta and azimuth do not broadcast"):
         doppler_velocity(np.zeros((4, 3)), np.zeros((3, 5)), Mounting())
+    with pytest.raises(ValueError, match=r"^mounting must"):
+        random_scan().doppler_measurement(None, 0.1)
     with pytest.raises(ValueError, match=r"^interval must"):
         random_scan().doppler_measurement(Mounting(), 0.0)
     with pytest.raises(ValueError, match="step must be positive"):
