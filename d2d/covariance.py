@@ -106,7 +106,7 @@ def propagate_covariance(
 def _warn_of_long_targets(fixed: PointSet, moving: PointSet) -> None:
     """Warn where targets are so long that the cost is not quadratic over a standard deviation."""
     extremes = np.concatenate([fixed._layout.extremes, moving._layout.extremes])
-    aspect = float(extremes[:, layout.LARGEST_ASPECT].max())
+    aspect = float(extremes[:, layout.LARGEST_ASPECT].max(initial=1.0))
     if fixed.dimension == 2 and aspect > LONG:
         warnings.warn(
             f"covariances up to {aspect:.0f} times as long as wide, above {LONG:.0f}, make the "

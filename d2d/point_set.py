@@ -212,6 +212,8 @@ class PointSet(Frozen):
 
     def __repr__(self) -> str:
         batch = f"batch of {self.batch_shape}, " if self.batch_shape else ""
+        if not self.means.size:
+            return f"PointSet({batch}{self.size} targets)"
         places = self.means.reshape(-1, self.dimension)
         low, high = places.min(axis=0), places.max(axis=0)
         within = " x ".join(f"[{a:.4g}, {b:.4g}]" for a, b in zip(low, high, strict=True))
@@ -233,6 +235,7 @@ class PointSet(Frozen):
         """The sets moved by translations (..., D)."""
         step = _POSITION.array("translation", translation)
         check_shape("translation", step, f"(..., {self.dimension})")
+        broadcast_batches("translation and means", step.shape[:-1], self.batch_shape)
         return PointSet._of(self.means + step[..., None, :], self.covariances, self.weights)
 
     def inflated(self, scale: float) -> "PointSet":

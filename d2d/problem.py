@@ -283,7 +283,7 @@ class Problem:
         for (start, size, number), own in zip(columns, batches, strict=True):
             if own:
                 pairs[:, number] = which = flat_index(own, shape)
-                pairs[:, start] = which * pairs[0, size]
+                pairs[:, start] = which * batch.pairs[0, size]
         return batch._replace(
             pairs=pairs,
             intervals=np.tile(batch.intervals, count),

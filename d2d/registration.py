@@ -155,7 +155,7 @@ def multi_start(
     """
     pair = check_pair(fixed, moving, measurement)
     if starts is None:
-        reach = 0.25 * float(np.ptp(moving.means, axis=-2).max()) or 1.0
+        reach = 0.25 * float(np.ptp(moving.means, axis=-2).max(initial=0.0)) or 1.0
         starts = start_grid(reach, reach, _TURNS)[:, : rigid.PARAMETERS[fixed.dimension]]
     tried = rigid.start("starts", starts, fixed.dimension)
     check_shape("starts", tried, "(S, P)", empty=False)
@@ -228,7 +228,7 @@ def _spread(*sets: PointSet) -> float:
     """Ratio of the median standard deviation of a set's targets to that of the most precise one."""
     variances = [np.diagonal(each.covariances, axis1=-2, axis2=-1).max(axis=-1) for each in sets]
     ratios = [np.median(each, axis=-1) / each.min(axis=-1) for each in variances]
-    return math.sqrt(max(float(ratio.max()) for ratio in ratios))
+    return math.sqrt(max(float(ratio.max(initial=1.0)) for ratio in ratios))
 
 
 def _overlap(points: PointSet) -> NDArray[np.bool_]:

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from d2d import PointSet, register, rigid
+from d2d import PointSet, multi_start, propagate_covariance, register, rigid
 from tests.strategies import central_difference, motions, reals, spd
 
 few = settings(max_examples=60)
@@ -78,6 +78,10 @@ def test_batches_broadcast_and_are_indexed():
     assert_array_equal([each.means[0] for each in points], means[:, 0])
     assert points[np.array([0, 4])].batch_shape == (2, 4)
     assert points[np.arange(5) > 2].batch_shape == (2, 4)
+    none = points[:, 0][np.zeros(5, dtype=bool)]
+    assert "batch of (0,)" in repr(none)
+    for estimate in (register(none, points[0, 0], scales=(2.0, 1.0)), multi_start(none, none)):
+        assert propagate_covariance(estimate, none, none).shape == (0, 3, 3)
     with pytest.raises(IndexError, match="no batch axes"):
         points[2, 3][0]
     with pytest.raises(IndexError, match="batch"):
