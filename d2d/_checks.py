@@ -178,10 +178,10 @@ def check_rows(name: str, value: Iterable[T], *kinds: type) -> list[T]:
 
 
 def check_schedule(name: str, value: ArrayLike) -> tuple[float, ...]:
-    """One or more positive numbers."""
+    """One or more numbers from 1e-50 to 1e50."""
     if isinstance(value, tuple) and value == (1.0,):
         return (1.0,)
-    steps = check_positive(name, value)
+    steps = SCALE.array(name, value)
     if steps.ndim != 1 or not steps.size:
         raise ValueError(f"{name} must be a sequence of numbers, but has the shape {steps.shape}")
     return tuple(steps.tolist())

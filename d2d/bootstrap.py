@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from d2d._checks import check_count, check_finite, check_instance, check_tail
+from d2d._checks import check_count, check_finite, check_flag, check_instance, check_tail
 from d2d._types import Array
 
 _DRAWN = 500_000  # values of an array that are drawn at a time, which limits the memory
@@ -74,7 +74,10 @@ def block_bootstrap(
         raise ValueError(f"statistic must be callable, but is a {type(statistic).__name__}")
     if not isinstance(arrays, Iterable):
         raise ValueError(f"arrays must be a sequence of arrays, but is a {type(arrays).__name__}")
-    data = [np.asarray(array) for array in arrays]
+    given = [*arrays]
+    if any(map(np.ma.is_masked, given)):
+        raise ValueError("arrays must not hold masked entries; remove them first")
+    data = [*map(np.asarray, given)]
     if not data or any(array.ndim < 1 for array in data) or not len(data[0]):
         raise ValueError("arrays must be a sequence of arrays (N, ...) with at least one row")
     rows, lengths = len(data[0]), [len(array) for array in data]
@@ -84,18 +87,18 @@ def block_bootstrap(
         raise ValueError(f"block must be at most the number of rows, {rows}, but is {block}")
     check_instance("rng", rng, np.random.Generator)
     check_count("resamples", resamples)
-    tail = check_tail(confidence)
+    tail, many = check_tail(confidence), check_flag("vectorized", vectorized)
     batch = max(1, _DRAWN // max(rows, *(array.size for array in data)))
     values: list[Array] = []
     for first in range(0, resamples, batch):
         count = min(batch, resamples - first)
         starts = rng.integers(rows, size=(count, math.ceil(rows / block), 1))
         drawn = (starts + np.arange(block)).reshape(count, -1)[:, :rows]
-        given = [array.take(drawn, axis=0, mode="wrap") for array in data]
-        if vectorized:
-            found = np.asarray(statistic(*given, axis=1))
+        sets = [array.take(drawn, axis=0, mode="wrap") for array in data]
+        if many:
+            found = np.asarray(statistic(*sets, axis=1))
         else:
-            found = np.asarray([statistic(*each) for each in zip(*given, strict=True)])
+            found = np.asarray([statistic(*each) for each in zip(*sets, strict=True)])
         if found.shape[:1] != (count,):
             raise ValueError(
                 f"statistic must give one value for each of {count} data sets if vectorized, but "

@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from d2d._checks import SCALE, Bounds, broadcast_batches, check_shape
+from d2d._checks import SCALE, Bounds, broadcast_batches, check_flag, check_shape
 from d2d._frozen import Frozen
 from d2d._kernel import layout
 from d2d._types import Array
@@ -73,7 +73,7 @@ class LinearMeasurement(Frozen):
             raise ValueError(f"value must hold at least one target, but has the shape {shape}")
         if of_twist and parameters != 3:
             raise ValueError(f"of_twist needs P = 3 parameters, but gain has {parameters}")
-        self._keep("of_twist", bool(of_twist))
+        self._keep("of_twist", check_flag("of_twist", of_twist))
         for name, array in arrays.items():
             full = (*shape, parameters) if name in ("gain", "slope") else shape
             self._keep(name, np.broadcast_to(array, full))

@@ -76,7 +76,7 @@ def whiten(
     e, sigma = checked_errors(errors, covariances)
     n = e.shape[1]
     places = np.arange(n) if order is None else np.asarray(order)
-    if places.ndim != 1 or not np.array_equal(np.sort(places), np.arange(n)):
+    if places.ndim != 1 or places.dtype.kind not in "iu" or sorted(places) != [*range(n)]:
         raise ValueError(f"order must be a permutation of 0 to {n - 1}, but is {order!r}")
     root = np.linalg.cholesky(sigma[:, places[:, np.newaxis], places])
     values, sigmas = np.empty_like(e), np.empty_like(e)

@@ -132,7 +132,10 @@ MISTAKES: dict[str, tuple[Callable[..., Any], dict[str, Any], dict[str, Any]]] =
             "sigma_input": [-0.1, NAN, np.ones(5), 1e30],
             "gain": [np.ones(3), np.ones((4, 2)), np.ones((3, 3)), np.full((4, 3), 1e60)],
             "slope": [np.ones((4, 2)), np.full((4, 3), NAN), None],
-            "of_twist": [{"gain": np.ones((4, 1)), "slope": np.ones((4, 1)), "of_twist": True}],
+            "of_twist": [
+                "no",
+                {"gain": np.ones((4, 1)), "slope": np.ones((4, 1)), "of_twist": True},
+            ],
         },
     ),
     **{
@@ -158,7 +161,7 @@ MISTAKES: dict[str, tuple[Callable[..., Any], dict[str, Any], dict[str, Any]]] =
                 *(*NOT_MOTIONS, [1e155, 0.0, 0.0], [0.0, 0.0, 28.0], np.eye(3)),
                 {"fixed": PAIRS, "initial": np.zeros((3, 3))},
             ],
-            "scales": [(), (2.0, -1.0), (NAN,), 2.0, [[2.0], [1.0]]],
+            "scales": [(), (2.0, -1.0), (NAN,), 2.0, [[2.0], [1.0]], (1e51, 1.0)],
             "threads": [0, 1.5, None],
         },
     ),
@@ -229,7 +232,7 @@ MISTAKES: dict[str, tuple[Callable[..., Any], dict[str, Any], dict[str, Any]]] =
         for function, more, wrong in (
             (credibility, {}, {"confidence": [0.0, 1.5, NAN, "high"]}),
             (log_score, {}, {}),
-            (whiten, {}, {"order": [(0,), (0, 0), (1, 2), "10", 3]}),
+            (whiten, {}, {"order": [(0,), (0, 0), (1, 2), "10", 3, (1.0, 0.0), [None, 0]]}),
             (coverage, {"levels": 0.9}, {"levels": [0.0, [0.5, 1.5], NAN, None]}),
         )
     },
@@ -247,12 +250,13 @@ MISTAKES: dict[str, tuple[Callable[..., Any], dict[str, Any], dict[str, Any]]] =
             "rng": np.random.default_rng(0),
         },
         {
-            "arrays": [[], np.arange(6.0), [[]], 3],
+            "arrays": [[], np.arange(6.0), [[]], 3, [HOLEY]],
             r"arrays.*\[6, 5\]": [{"arrays": [np.arange(6.0), np.arange(5.0)]}],
             "block": [0, 7, 2.5],
             "rng": [0],
             "confidence": [0.0],
             "resamples": [0],
+            "vectorized": ["no"],
             "statistic": [
                 *(None, lambda *_: NAN),
                 {"statistic": lambda x, axis: np.mean(x), "vectorized": True},
