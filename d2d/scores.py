@@ -118,10 +118,11 @@ def crps(errors: ArrayLike, sigmas: ArrayLike) -> Array:
     .. math:: \sigma \bigl(z\,(2\Phi(z) - 1) + 2\varphi(z) - 1/\sqrt{\pi}\bigr).
     """
     e, s = check_finite("errors", errors), check_positive("sigmas", sigmas)
-    z = e / s
-    density = np.exp(-0.5 * z * z) / math.sqrt(2.0 * math.pi)
-    tails = z * (2.0 * scipy.special.ndtr(z) - 1.0)
-    return np.asarray(s * (tails + 2.0 * density - 1.0 / math.sqrt(math.pi)))
+    with np.errstate(over="ignore"):  # a ratio beyond float64 has the limit
+        z = e / s
+        density = np.exp(-0.5 * z * z) / math.sqrt(2.0 * math.pi)
+    beside = s * (2.0 * density - 1.0 / math.sqrt(math.pi))
+    return np.asarray(e * (2.0 * scipy.special.ndtr(z) - 1.0) + beside)
 
 
 def coverage(errors: ArrayLike, covariances: ArrayLike, levels: ArrayLike = LEVELS) -> Array:

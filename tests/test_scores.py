@@ -48,6 +48,7 @@ def test_crps_is_the_integral_of_squared_differences_of_distributions():
         below = quad(lambda x, s: norm.cdf(x, scale=s) ** 2, -12 * sigma, error, sigma, limit=200)
         above = quad(lambda x, s: norm.sf(x, scale=s) ** 2, error, top, sigma, limit=200)
         assert_allclose(crps(error, sigma), below[0] + above[0], rtol=1e-6)
+    assert crps(-1e200, 1e-150) == 1e200
 
 
 def test_no_other_covariance_scores_better_than_the_true_one():
