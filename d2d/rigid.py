@@ -11,13 +11,13 @@ from d2d._checks import ANGLE, Bounds, broadcast_batches, check_finite, check_sh
 from d2d._kernel import entries, layout
 from d2d._types import Array
 
-_BOUNDS = Bounds(most=layout.MAX_LENGTH)  # in m; no angle is near
+BOUNDS = Bounds(most=layout.MAX_LENGTH)  # in m; no angle is near
 PARAMETERS = {1: 1, 2: 3}  # number of parameters of a rigid motion, by dimension
 
 
 def motion(name: str, theta: ArrayLike, dimension: int) -> Array:
     """The parameters (..., P) of a motion, checked to be finite and to match the dimension."""
-    parameters = _BOUNDS.array(name, theta)
+    parameters = BOUNDS.array(name, theta)
     check_shape(name, parameters, f"(..., {PARAMETERS[dimension]})")
     return parameters
 

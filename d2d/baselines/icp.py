@@ -105,7 +105,7 @@ def icp(
     check_choice("metric", metric, ("point", "line"))
     check_positive_scalar("tolerance", tolerance)
     check_count("max_iterations", max_iterations, 0)
-    start = np.zeros(3) if initial is None else rigid.motion("initial", initial, 2)
+    start = np.zeros(3) if initial is None else rigid.start("initial", initial, 2)
     normals = line_normals(target, neighbours) if metric == "line" else None
     tree = scipy.spatial.cKDTree(target)
     theta = start.reshape(-1, 3)
@@ -176,4 +176,5 @@ def _line_step(fixed: Array, normals: Array, moved: Array) -> Array:
 
 def check_points(name: str, value: ArrayLike, dimensions: int | None = None) -> Array:
     """One or more finite points (..., N, 2); of one set only, if its array has two dimensions."""
-    return check_finite(name, value, "(N, 2)" if dimensions == 2 else "(..., N, 2)", empty=False)
+    shape = "(N, 2)" if dimensions == 2 else "(..., N, 2)"
+    return rigid.BOUNDS.array(name, check_finite(name, value, shape, empty=False))

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from d2d._checks import check_count, check_finite, check_fraction, check_positive_scalar
+from d2d._checks import SCALE, check_count, check_finite, check_fraction
 from d2d._types import Array
 from d2d.baselines.gaussian_fit import fit, raise_eigenvalues
 from d2d.baselines.icp import check_points
@@ -109,7 +109,7 @@ def ndt_d2d(
     The other arguments are those of `ndt_p2d`; here, too, the ``covariance`` is not that of the
     error.
     """
-    width = (1.0 / check_positive_scalar("d2", d2)) ** 0.5
+    width = (1.0 / SCALE.number("d2", d2)) ** 0.5
     cells = (
         grid_cells(check_points(name, cloud, 2), size)
         for name, cloud in (("fixed", fixed), ("moving", moving))
@@ -128,7 +128,7 @@ def _cells(
     points: Array, size: float, shift: ArrayLike, min_points: int, smallest_ratio: float
 ) -> tuple[Array, Array]:
     """Means and covariances of the points in each cell, without the cells that have too few."""
-    side = check_positive_scalar("size", size)
+    side = SCALE.number("size", size)
     check_count("min_points", min_points)
     check_fraction("smallest_ratio", smallest_ratio)
     place = np.floor(points / side - check_finite("shift", shift, "(2,)"))
@@ -150,8 +150,7 @@ def _cells(
             f"points must include {min_points} or more in one cell of {side:g} m, not all at the "
             "same place"
         )
-    raised = raise_eigenvalues(np.stack(covariances), smallest_ratio=smallest_ratio)
-    return np.stack(means), raised
+    return np.stack(means), raise_eigenvalues(np.stack(covariances), smallest_ratio=smallest_ratio)
 
 
 def _peaking_at_one(means: Array, covariances: Array) -> PointSet:

@@ -125,7 +125,9 @@ def test_bad_input_names_the_argument():
         (lambda: fit_rigid(RNG_POINTS, RNG_POINTS * np.nan), "moving"),
         (lambda: line_normals(RNG_POINTS, 30), "neighbours"),
         (lambda: icp(RNG_POINTS[:, :1], RNG_POINTS), "fixed"),
+        (lambda: icp(1e160 * RNG_POINTS, RNG_POINTS), "fixed must be at most"),
         (lambda: icp(RNG_POINTS, RNG_POINTS, [0.0, 0.0]), "initial"),
+        (lambda: icp(RNG_POINTS, RNG_POINTS, [0.0, 0.0, 90.0]), "initial must be in radians"),
         (lambda: icp(RNG_POINTS, RNG_POINTS, metric="plane"), "metric"),
         *(
             (lambda name=name, value=value: icp(RNG_POINTS, RNG_POINTS, **{name: value}), name)

@@ -117,7 +117,7 @@ POINTS = np.random.default_rng(0).uniform(0.0, 2.0, (50, 2))
 def test_bad_input_names_the_argument():
     for call, name in (
         (lambda: grid_cells(np.zeros((4, 3))), "points"),
-        (lambda: grid_cells(POINTS, 0.0), "size"),
+        *((lambda size=size: grid_cells(POINTS, size), "size") for size in (0.0, 1e300)),
         (lambda: grid_cells(POINTS + 5e6, 1e-13), "size"),
         (lambda: grid_cells(POINTS, min_points=2.5), "min_points"),
         (lambda: grid_cells(POINTS, smallest_ratio=np.nan), "smallest_ratio"),
@@ -125,6 +125,7 @@ def test_bad_input_names_the_argument():
         (lambda: pooled_cells(POINTS, shifts=()), "shifts"),
         (lambda: ndt_p2d(POINTS, np.zeros((0, 2))), "moving"),
         (lambda: ndt_d2d(POINTS, POINTS, [0.0, 0.0]), "theta|initial"),
+        (lambda: ndt_d2d(POINTS, POINTS, d2=1e-110), "d2"),
     ):
         with pytest.raises(ValueError, match=name):
             call()
