@@ -27,14 +27,13 @@ from d2d._checks import check_path
 from d2d.radar.evaluation.calibrate import calibrate
 from d2d.radar.evaluation.compare import check_reference, compare
 from d2d.radar.evaluation.diagnose import Finding, agreement, diagnose
-from d2d.radar.files import write_together
+from d2d.radar.files import brief, write_together
 from d2d.radar.live import estimates_of
 from d2d.radar.readers import READERS
 from d2d.radar.readers.bag import write_bag
 from d2d.radar.readers.csv_log import load_csv, write_csv
 from d2d.radar.readers.odometry import load_gyro, load_reference
 from d2d.radar.readers.reader import Source, mountings_of, options_of
-from d2d.radar.readers.shared import brief
 from d2d.radar.report import png_of, report_page
 from d2d.radar.scans.budget import ErrorBudget
 from d2d.radar.scans.reference import Reference

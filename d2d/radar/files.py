@@ -1,4 +1,4 @@
-"""Files that replace others only when they are complete, one alone or several together."""
+"""Files whose errors name them, and that replace others only when they are complete."""
 
 import os
 import secrets
@@ -93,3 +93,21 @@ def _aside(target: Path, content: bytes) -> Iterator[Callable[[], None]]:
             file.flush()
             link = f"/proc/self/fd/{descriptor}"
             yield lambda: os.link(link, target, src_dir_fd=descriptor, follow_symlinks=True)
+
+
+def brief(text: object, most: int = 300) -> str:
+    """A text in one line, of which a part is left out if it has more than ``most`` characters."""
+    line = " ".join(str(text).splitlines())
+    return line if len(line) <= most else f"{line[: most - 40]} ... {line[-35:]}"
+
+
+@contextmanager
+def reading(path: Path, what: str) -> Iterator[None]:
+    """Re-raise whatever goes wrong inside as a ValueError that says which file is not ``what``."""
+    try:
+        yield
+    except Exception as error:  # damaged bytes raise errors of many libraries
+        if isinstance(error, ValueError | FileNotFoundError | Warning) and str(path) in str(error):
+            raise
+        said = error if isinstance(error, ValueError | OSError) else repr(error)
+        raise ValueError(f"{path} is not {what}: {brief(said)}") from None

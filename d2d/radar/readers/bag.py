@@ -11,8 +11,9 @@ import scipy
 
 from d2d._checks import check_path
 from d2d._types import Array
+from d2d.radar.files import brief, reading
 from d2d.radar.readers.reader import Reader, Source, mountings_of, options_of
-from d2d.radar.readers.shared import brief, reading, yaw_of
+from d2d.radar.readers.shared import yaw_of
 from d2d.radar.readers.table import TARGET, recognised, scan_of, select, valid
 from d2d.radar.scans.budget import ErrorBudget
 from d2d.radar.scans.reference import Reference

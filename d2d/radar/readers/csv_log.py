@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 
 from d2d._checks import NOT_NEGATIVE, check_choice, check_path, check_positive_scalar
 from d2d._types import Array
-from d2d.radar.files import atomic_write
+from d2d.radar.files import atomic_write, brief
 from d2d.radar.readers.reader import Reader, Source, mountings_of, options_of
-from d2d.radar.readers.shared import brief
 from d2d.radar.readers.table import TARGET, Table, read_table, scan_of, select, valid
 from d2d.radar.scans.budget import ErrorBudget
 from d2d.radar.scans.scan import ANGLES, MEASURED, SIGMAS, UPWARDS, RadarScan

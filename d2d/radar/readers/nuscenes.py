@@ -12,9 +12,10 @@ import numpy as np
 
 from d2d._checks import SECONDS, check_path, check_positive_scalar
 from d2d._types import Array
+from d2d.radar.files import brief, reading
 from d2d.radar.readers import shared
 from d2d.radar.readers.reader import data_set
-from d2d.radar.readers.shared import MICROSECOND, brief, existing, reading, yaw_of
+from d2d.radar.readers.shared import MICROSECOND, existing, yaw_of
 from d2d.radar.scans.budget import ErrorBudget
 from d2d.radar.scans.reference import Recording, Reference
 from d2d.radar.scans.scan import BOUNDS, Mounting, RadarScan

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from d2d._checks import check_count, check_path
 from d2d._types import Array
+from d2d.radar.files import reading
 from d2d.radar.readers import shared
 from d2d.radar.readers.reader import data_set
-from d2d.radar.readers.shared import MICROSECOND, existing, reading, whole_number
+from d2d.radar.readers.shared import MICROSECOND, existing, whole_number
 from d2d.radar.scans.budget import ErrorBudget
 from d2d.radar.scans.reference import Recording, Reference, SlipLaw
 from d2d.radar.scans.scan import BOUNDS, MEASURED, Mounting, RadarScan

@@ -1,10 +1,9 @@
-"""Files whose errors name them, numbers in them, and standard deviations of targets."""
+"""Files of data sets, numbers in them, and standard deviations of targets."""
 
 import json
 import os
 import stat
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 
 from d2d._checks import SECONDS, check_count, check_finite
 from d2d._types import Array
+from d2d.radar.files import brief
 
 MICROSECOND = 1e-6  # s
 OFFSET = SECONDS._replace(most=10.0)  # s, of a radar's clock
@@ -71,12 +71,6 @@ def bytes_of(path: Path) -> bytes:
         raise ValueError(f"{path} cannot be read: {error.strerror}") from None
 
 
-def brief(text: object, most: int = 300) -> str:
-    """A text in one line, of which a part is left out if it has more than ``most`` characters."""
-    line = " ".join(str(text).splitlines())
-    return line if len(line) <= most else f"{line[: most - 40]} ... {line[-35:]}"
-
-
 def whole_number(name: str, value: object) -> int:
     """A whole number of a JSON file; raises a ValueError if it is something else."""
     if isinstance(value, bool) or not isinstance(value, int) or abs(value) > _LARGEST:
@@ -89,15 +83,3 @@ def real_numbers(name: str, values: object, count: int) -> list[float]:
     if not isinstance(values, list) or any(isinstance(value, bool) for value in values):
         raise ValueError(f"{name} must be {count} numbers, but is {brief(repr(values))}")
     return [float(value) for value in check_finite(name, values, f"({count},)")]
-
-
-@contextmanager
-def reading(path: Path, what: str) -> Iterator[None]:
-    """Re-raise whatever goes wrong inside as a ValueError that says which file is not ``what``."""
-    try:
-        yield
-    except Exception as error:  # damaged bytes raise errors of many libraries
-        if isinstance(error, ValueError | FileNotFoundError | Warning) and str(path) in str(error):
-            raise
-        said = error if isinstance(error, ValueError | OSError) else repr(error)
-        raise ValueError(f"{path} is not {what}: {brief(said)}") from None

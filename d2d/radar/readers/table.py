@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from d2d._checks import FINITE
 from d2d._types import Array
-from d2d.radar.readers.shared import brief, bytes_of, reading
+from d2d.radar.files import brief, reading
+from d2d.radar.readers.shared import bytes_of
 from d2d.radar.scans.scan import ANGLES, BOUNDS, MEASURED, RadarScan
 
 Mask = NDArray[np.bool_]

@@ -16,7 +16,7 @@ from d2d import rigid
 from d2d._checks import check_finite, check_path, check_real, check_shape
 from d2d._frozen import Frozen
 from d2d._types import Array
-from d2d.radar.files import atomic_write
+from d2d.radar.files import atomic_write, reading
 from d2d.radar.tracks.filter import MEMORY
 from d2d.radar.tracks.path import ROUNDED, Displacement, Knots, chain, independent
 from d2d.radar.tracks.plot import draw
@@ -273,27 +273,18 @@ class Track(Frozen):
     def load(cls, path: str | os.PathLike[str]) -> Track:
         """The track that `save` wrote; a ``ValueError`` names a file that is not a complete one."""
         source = check_path("path", path)
-        with source.open("rb") as raw:
-            try:
-                with np.load(raw, allow_pickle=False) as file:
-                    fields: dict[str, Any] = {**file}
-                mark = str(fields.pop("format"))
-            except Exception as error:  # damaged bytes raise errors of zipfile, zlib or NumPy
-                raise ValueError(
-                    f"{source} is not a complete file of Track.save ({error!r})"
-                ) from None
-        if mark != _FORMAT:
-            raise ValueError(
-                f"{source} has the format {mark!r}, but this version reads {_FORMAT!r}"
-            )
-        missing, other = {*_REQUIRED} - fields.keys(), fields.keys() - {*_REQUIRED, *_OPTIONAL}
-        if missing or other:
-            said = f"lacks {sorted(missing)}" if missing else f"also holds {sorted(other)}"
-            raise ValueError(f"{source} is not a complete file of Track.save: it {said}")
-        try:
+        with (
+            reading(source, "a complete file of Track.save"),
+            source.open("rb") as raw,
+            np.load(raw, allow_pickle=False) as file,
+        ):
+            fields: dict[str, Any] = {**file}
+            if (mark := str(fields.pop("format"))) != _FORMAT:
+                raise ValueError(f"it has the format {mark!r}, and this version reads {_FORMAT!r}")
+            missing, other = {*_REQUIRED} - fields.keys(), fields.keys() - {*_REQUIRED, *_OPTIONAL}
+            if missing or other:
+                raise ValueError(f"it lacks {sorted(missing)}, and also holds {sorted(other)}")
             return cls(**fields)
-        except ValueError as error:
-            raise ValueError(f"{source} holds no track: {error}") from None
 
     def write_tum(self, path: str | os.PathLike[str], start: ArrayLike = (0.0, 0.0, 0.0)) -> None:
         """Write the poses as a TUM trajectory file, one line "t x y z qx qy qz qw" per pose.
