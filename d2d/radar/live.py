@@ -68,6 +68,8 @@ def _add(
             raise ValueError(f"time must be a number, but is {json.dumps(entry['time'])}")
         _TIME.number("time", entry["time"])
     if "yaw_rate" in entry:
+        if "time" not in entry:
+            raise ValueError("a yaw rate must have a time")
         tracker.add_gyro(*(np.atleast_1d(entry[name]) for name in ("time", "yaw_rate")))
         return []
     return tracker.add(str(entry.get("sensor")), read(entry))

@@ -190,6 +190,7 @@ def test_odd_lines_are_named_and_the_next_one_is_read(run):
         good[0].replace('"time": ', '"time": 1e18, "was": '): "time must be in seconds (s), at mo",
         good[0].replace('"time": ', '"time": -1e300, "was": '): "time must be in seconds (s), at",
         good[0].replace('"range": [', '"range": ["a", '): "range must be an array of real numbers",
+        '{"yaw_rate": 0.1}': "a yaw rate must have a time",
         "[" * 100_000: "",
         good[0].replace('"front"', f'"{"long" * 100_000}"'): "sensor must be one of 'front', but",
     }

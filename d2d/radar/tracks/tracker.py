@@ -218,7 +218,7 @@ class Tracker:
         Raises a ``ValueError`` without a ``gyro``, or if times do not increase.
         """
         if self._estimator.rates is None:
-            raise ValueError("gyro must be given to the Tracker, before its yaw rates are")
+            raise ValueError("gyro must be given to the Tracker (live: --gyro-sigma) first")
         self._estimator.rates.add(times, yaw_rates)
 
     def finish(self) -> list[VelocityEstimate]:
