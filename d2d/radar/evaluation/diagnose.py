@@ -137,8 +137,9 @@ def _of_times(name: str, scans: Sequence[RadarScan]) -> Iterator[Finding]:
     apart = intervals[intervals > _SPLIT[1] * np.quantile(intervals, 0.95)]
     within = 1.0 - len(apart) / len(intervals)
     short = float(np.quantile(intervals, 0.25))
-    if alone > 0.9 or (within > 0.45 and short < _SPLIT[0] and len(apart) > 5):
-        about = f"{within:.0%} of the scans are {1e3 * short:.2g} ms after another; --scan-gap 0.01"
+    if short < _SPLIT[0] and (alone > 0.9 or (within > 0.45 and len(apart) > 5)):
+        share = max(within, alone)
+        about = f"{share:.0%} of the scans are {1e3 * short:.2g} ms after another; --scan-gap 0.01"
         yield Finding("several time stamps in a scan", name, within, "share", True, about)
         return
     if usual < _FASTEST:

@@ -156,6 +156,7 @@ def test_sensors_that_contradict_each_other_are_told():
 BESIDE_LIMITS = {
     "minutes": (lambda s: replace(s, time=s.time / 60.0), "times in another unit than s", True),
     "narrow": (lambda s: replace(s, azimuth=0.1 * s.azimuth), "azimuths in radians", False),
+    "one target": (lambda s: s[:1], "several time stamps in a scan", False),
     "far": (lambda s: replace(s, range=s.range + 700.0), "ranges in cm", True),
     "precise": (lambda s: replace(s, sigma_azimuth=0.05 * DEGREE), "azimuth too small", False),
     "coarse": (lambda s: replace(s, sigma_azimuth=15.0 * DEGREE), "azimuth too large", True),
