@@ -137,10 +137,8 @@ def test_a_closed_input_is_named(monkeypatch, capsys):
     """Breaks if a service that is started without an input gives a traceback."""
     monkeypatch.setattr("sys.stdin", None)
     assert main(CALL) == 1
-    assert (
-        "error: live reads scans from the standard input, which is closed"
-        in capsys.readouterr().err
-    )
+    said = capsys.readouterr().err
+    assert "error: live reads scans from the standard input, which is closed" in said
 
 
 PROGRAM = [sys.executable, "-m", "d2d.radar", *CALL]

@@ -14,7 +14,7 @@ from d2d._types import Array
 from d2d.radar.files import brief, reading
 from d2d.radar.readers.reader import Reader, Source, mountings_of, options_of
 from d2d.radar.readers.shared import yaw_of
-from d2d.radar.readers.table import TARGET, recognised, scan_of, select, valid
+from d2d.radar.readers.table import TARGET, plain_name, recognised, scan_of, select, valid
 from d2d.radar.scans.budget import ErrorBudget
 from d2d.radar.scans.reference import Reference
 from d2d.radar.scans.scan import Mounting, RadarScan
@@ -186,7 +186,7 @@ def _cloud(message: Any) -> dict[str, Array]:
     )
     layout = layout.newbyteorder(">") if message.is_bigendian else layout
     points = np.frombuffer(message.data, layout, message.height * message.width)
-    return {name: points[name].astype(np.float64) for name in layout.names or ()}
+    return {plain_name(name): points[name].astype(np.float64) for name in layout.names or ()}
 
 
 def _returns(message: Any) -> dict[str, Array]:

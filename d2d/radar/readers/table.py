@@ -123,7 +123,7 @@ def recognised(
     """
     units, known = QUANTITIES[quantity]
     usual = (f"{name}_{unit}" if unit else name for name in known.split() for unit in ("", *units))
-    plain = _plain(wanted.strip().removeprefix("-"))
+    plain = plain_name(wanted.strip().removeprefix("-"))
     name = next((each for each in ([plain] if plain else usual) if each in names), None)
     if name is None:
         return None
@@ -152,7 +152,7 @@ def read_table(
     file = io.StringIO(decoded(source), newline="")
     for first, line in enumerate(iter(file.readline, ""), start=1):
         separator, where = max(",;\t", key=line.count), f"{source}, line {first}"
-        names = [_plain(word.strip().strip('"')) for word in line.lstrip("# ").split(separator)]
+        names = [plain_name(word.strip().strip('"')) for word in line.lstrip("# ").split(separator)]
         found = {
             name: recognised(name, names, named.get(name, ""), stated.get(name, ""))
             for name in quantities
@@ -239,7 +239,7 @@ def number(name: str, text: str, convert: Callable[[str], float] = _float) -> fl
         raise ValueError(f"{name} must be a number, but is {brief(repr(text))}") from None
 
 
-def _plain(name: str) -> str:
+def plain_name(name: str) -> str:
     """A column's name in small letters, with _ for spaces and for brackets around a unit."""
     return re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_") or name.strip().lower()
 

@@ -113,13 +113,13 @@ def bag(tmp_path, request):
             cloud = {
                 "x": np.append(scan.range * np.cos(scan.azimuth), np.nan),
                 "y": np.append(scan.range * np.sin(scan.azimuth), 0.0),
-                "v_doppler_mps": np.append(scan.doppler, 0.0),
+                "V_Doppler (mps)": np.append(scan.doppler, 0.0),
                 "snr_db": np.arange(len(scan) + 1.0),
             }
             bag.write("/front/points", heard, bag.cloud(bag.header(time, "front"), **cloud))
             up = 0.1 + 0.0 * scan.range
             columns = (scan.range, scan.azimuth, up, scan.doppler, up)
-            del cloud["v_doppler_mps"]
+            del cloud["V_Doppler (mps)"]
             bag.write("/none", heard, bag.cloud(bag.header(time, "front"), **cloud))
             bag.write("/side/scan", heard, bag.returns(bag.header(0.0, "side"), *columns))
             turn = bag.make(vector, 0.0, 0.0, omega)
@@ -131,15 +131,12 @@ def bag(tmp_path, request):
                 bag.make(f"geometry_msgs/msg/{kind}WithCovariance", each, np.zeros(36))
                 for kind, each in (("Pose", pose), ("Twist", twist))
             )
-            odometry = bag.make(
-                "nav_msgs/msg/Odometry", bag.header(time, "odom"), "base_link", *both
-            )
+            header = bag.header(time, "odom")
+            odometry = bag.make("nav_msgs/msg/Odometry", header, "base_link", *both)
             bag.write("/odom", heard, odometry)
             none, still = np.zeros(9), bag.make(vector, 0.0, 0.0, 0.0)
             moved = (facing, none, turn, none, still, none)
-            bag.write(
-                "/imu", heard, bag.make("sensor_msgs/msg/Imu", bag.header(time, "imu"), *moved)
-            )
+            bag.write("/imu", heard, bag.make("sensor_msgs/msg/Imu", header, *moved))
     return bag.path
 
 
