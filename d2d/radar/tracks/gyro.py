@@ -63,6 +63,7 @@ class GyroRates:
 
     def __init__(self, gyro: Gyro) -> None:
         self.gyro, self._times, self._rates = gyro, np.empty(0), np.empty(0)
+        self.used = 0  # rounds that had yaw rates
         self.add(gyro.times, gyro.yaw_rates)
 
     def add(self, times: ArrayLike, yaw_rates: ArrayLike) -> None:
@@ -79,5 +80,6 @@ class GyroRates:
         self._times, self._rates = self._times[until:], self._rates[until:]
         if not len(times):
             return None
+        self.used += 1
         variance = self.gyro.sigma**2 / len(times)
         return MeanRate(float(rates.mean()), float(times.mean()) - time, variance)

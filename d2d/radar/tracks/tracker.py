@@ -64,8 +64,8 @@ def track(
     estimate fails.  If the clocks of all sensors step back, see `Track.segments`.
 
     Raises a ``ValueError`` if something is not a sensor, two have a scan in common, scans are out
-    of time order or usually too far apart, the times of a sensor do not overlap with those of the
-    others or only its clock steps back, there are fewer than two rounds, or an argument is invalid.
+    of time order or usually too far apart, the times of a sensor or gyro do not overlap with the
+    others' or only its clock steps back, there are fewer than two rounds, or an argument is wrong.
 
     Parameters
     ----------
@@ -124,6 +124,11 @@ def track(
             f"{int(any(scans for scans, _ in drives.values()))}"
         )
     rows = [estimator.step(each) for each in _counted(groups, progress)]
+    if estimator.rates is not None and estimator.rates.used < 0.1 * len(rows):  # of no use
+        raise ValueError(
+            f"gyro must have yaw rates just before the scans, but only {estimator.rates.used} of "
+            f"{len(rows)} rounds have one; is its clock another, or in another unit?"
+        )
     if estimator.records:
         beliefs = iter(smooth_twice(estimator.records))
         rows = [estimator.filtered(row, next(beliefs)) if row.converged else row for row in rows]

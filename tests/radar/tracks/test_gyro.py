@@ -16,11 +16,11 @@ DRIVE = simulate_drive(
 TIMES = np.arange(-0.5, 20.0, 0.01)
 
 
-def gyro(bias=BIAS, **more):
-    """A gyro of 100 Hz with a bias, on the car of the drive."""
+def gyro(bias=BIAS, at=TIMES, **more):
+    """A gyro of 100 Hz with a bias, on the car of the drive, and the times that it states."""
     noise = SIGMA * np.random.default_rng(1).standard_normal(len(TIMES))
     rates = lap_motion(TIMES, 0.0, ROAD_SPEED).theta[:, 2] + bias + noise
-    return Gyro(SIGMA, float(np.deg2rad(1.0)), TIMES, rates, **more)
+    return Gyro(SIGMA, float(np.deg2rad(1.0)), at, rates, **more)
 
 
 @pytest.mark.parametrize("smooth", [False, True])
@@ -72,6 +72,8 @@ def test_a_tracker_uses_what_it_has_been_given():
         (lambda: Gyro(bias=1e200), "bias must be"),
         (lambda: track(DRIVE, gyro=1.0), "gyro must be a Gyro"),
         (lambda: track(DRIVE, gyro=gyro(), carry=False), "gyro must be None without carry"),
+        (lambda: track(DRIVE, gyro=gyro(at=TIMES + 1e9)), "gyro must have .* only 0 of 200 rounds"),
+        (lambda: track(DRIVE, gyro=gyro(at=1e3 * TIMES)), "gyro must have .* in another unit"),
         (lambda: Tracker({"a": CAR_MOUNTING}).add_gyro([0.0], [0.0]), "gyro must be given to"),
     ],
 )
