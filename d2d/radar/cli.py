@@ -26,7 +26,7 @@ import d2d
 from d2d._checks import check_path
 from d2d.radar.evaluation.calibrate import calibrate
 from d2d.radar.evaluation.compare import check_reference, compare
-from d2d.radar.evaluation.diagnose import Finding, agreement, diagnose
+from d2d.radar.evaluation.diagnose import Finding, agreement, diagnose, of_gyro
 from d2d.radar.files import brief, write_together
 from d2d.radar.live import estimates_of
 from d2d.radar.readers import READERS
@@ -356,15 +356,17 @@ def _judge(
         for name, sensor in sensors.items() if len(sensors) > 1 else ():
             with suppress(ValueError):  # too few scans
                 alone[name] = track(sensor, **options, progress=False)
+        free = options | {"gyro": None}
+        without = driven if options["gyro"] is None else track(sensors, **free, progress=False)
     for (first, one), (second, other) in itertools.combinations(alone.items(), 2):
         anees = agreement(one, other)
         known = "unknown" if np.isnan(anees) else f"{anees:.1f}"
         print(f"ANEES of the differences between {first} and {second} (ideally 1): {known}")
-    found = diagnose(sensors, driven, alone)
+    found = [*diagnose(sensors, driven, alone), *of_gyro(driven, without)]
     if found:
         print('what looks wrong, by the rows of the page "When a path looks wrong":')
         print("\n".join(f"  {_plain(finding)}" for finding in found), flush=True)
-    return list(found)
+    return found
 
 
 def _live(arguments: argparse.Namespace) -> None:

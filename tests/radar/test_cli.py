@@ -153,6 +153,10 @@ def test_a_gyro_reaches_the_estimate(log, capsys):
     errors = [np.std(theta[:, 2] - truth.theta[1:, 2]) for theta in (found.theta, without)]
     assert errors[0] < errors[1]
     assert "need --gyro FILE" in failed(tracked(log, "--gyro-bias", "1"), capsys)
+    table[:, 1] = 60.0 * np.sin(5.0 * table[:, 0])
+    np.savetxt(file, table, "%.12g", ",", header="time,yaw_rate_deg")
+    assert main(tracked(log, "--gyro", str(file))) == 3
+    assert capsys.readouterr().out.count("the gyro contradicts the radars") == 1  # the wrong one
 
 
 def test_a_report_is_one_page(log, capsys):

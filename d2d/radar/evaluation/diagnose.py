@@ -41,6 +41,7 @@ _SQUARE = np.deg2rad(8.0)  # from a right angle
 _LATE, _LIKELIER, _USELESS = 0.07, 12.5, 0.2  # s, nats, s between clocks
 _AGREED, _TRAFFIC = 0.6, 0.6  # shares: range rates that are right, targets of one motion
 _CONTRARY = 10.0  # ANEES between two sensors; real ones have up to 3 with their budget
+_LOST = 0.25  # of the variation of the yaw rate; a right gyro loses up to a tenth
 _SHOWN = 3  # stretches without estimates
 
 
@@ -281,6 +282,18 @@ def _of_track(driven: Track, alone: Mapping[str, Track]) -> Iterator[Finding]:
         about += "; the path is guessed there"
         lasting = longest[0][1] - longest[0][0]
         yield Finding("a stretch without estimates", "", lasting, "s", False, about)
+
+
+def of_gyro(driven: Track, without: Track) -> Iterator[Finding]:
+    """A gyro whose yaw rates are not those that the radars show ``without`` it."""
+    known = without.converged
+    own, off = without.theta[known, 2], (driven.theta - without.theta)[known, 2]
+    anees = float(np.sum(off**2 / without.covariance[known, 2, 2])) / max(1, len(own))
+    if anees > _CONTRARY:
+        about = f"squared differences are {anees:.0f} times the variance of the radars' yaw rate; "
+        about += "see the gyro's sign, axis, unit and clock"
+        sure = bool(np.sum(off**2) > _LOST * np.sum((own - own.mean()) ** 2))
+        yield Finding("the gyro contradicts the radars", "", anees, "", sure, about)
 
 
 def agreement(first: Track, second: Track) -> float:
