@@ -86,6 +86,10 @@ def _radians(word: str) -> float:
     return math.radians(float(word))
 
 
+def _pairs(words: str) -> dict[str, str]:
+    return dict(pair.partition("=")[::2] for pair in words.split(",") if pair)
+
+
 def option_table(table: str) -> Options:
     """Return the options of lines "--name METAVAR  what it is", by name in Python.
 
@@ -99,7 +103,7 @@ def option_table(table: str) -> Options:
         words = metavars.replace("...", "").split() or [""]
         metavar, _, default = words[0].partition("=")
         real = _radians if metavar.startswith("DEG") else float
-        kind: Any = real if metavar in _UNITS else int if metavar == "N" else str
+        kind: Any = real if metavar in _UNITS else {"N": int, "PAIRS": _pairs}.get(metavar, str)
         how: dict[str, Any] = {"type": kind, "default": kind(default) if default else None}
         if "|" in metavar:
             how["choices"] = metavar.split("|")

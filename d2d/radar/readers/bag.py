@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 import scipy
 
-from d2d._checks import check_path
+from d2d._checks import check_choice, check_path
 from d2d._types import Array
 from d2d.radar.files import brief, reading
 from d2d.radar.readers.reader import Reader, Source, mountings_of, options_of
 from d2d.radar.readers.shared import yaw_of
-from d2d.radar.readers.table import TARGET, plain_name, recognised, scan_of, select, valid
+from d2d.radar.readers.table import TARGET, columns_among, plain_name, scan_of, select, valid
 from d2d.radar.scans.budget import ErrorBudget
 from d2d.radar.scans.reference import Reference
-from d2d.radar.scans.scan import Mounting, RadarScan
+from d2d.radar.scans.scan import MEASURED, Mounting, RadarScan
 from d2d.radar.tracks.track import Track
 
 _NANOSECOND = 1e-9  # s
@@ -47,6 +47,7 @@ def load_bag(
     *topics: str,
     base_frame: str = "base_link",
     mountings: Mapping[str, Mounting] | None = None,
+    columns: Mapping[str, str] | None = None,
     bag_stamps: bool = False,
     min_snr: float | None = None,
     **sigmas: float | None,
@@ -58,12 +59,14 @@ def load_bag(
     out, with a warning that counts them.  The mounting is that of the messages' frame in
     ``base_frame``, from ``/tf_static``, unless it is among the ``mountings``.  Times are those of
     the headers; with ``bag_stamps``, or where a header has none, those at which the messages were
-    written.  ``min_snr`` and the sigmas in m, rad and m/s are those of `load_csv`.
+    written.  ``columns`` name fields; they, ``min_snr`` and the sigmas are those of `load_csv`.
 
     Raises a ``ValueError`` if the bag cannot be read or a topic, field or mounting is missing, and
     a ``ModuleNotFoundError`` without rosbags.
     """
     source, stated, found = check_path("path", path), dict(mountings or {}), {}
+    for name in stated:
+        check_choice("mountings", name, topics)
     given = {name: sigma for name, sigma in sigmas.items() if sigma is not None}
     for name in topics:
         clouds, times, frame = [], [], ""
@@ -74,12 +77,12 @@ def load_bag(
                     clouds.append(_cloud(message) if kind == _SCANS[0] else _returns(message))
                     times.append(time)
                     frame = message.header.frame_id
-                columns, where = _columns(clouds), f"{source}, {topic}"
-                columns, used = select(where, "points", columns, valid(columns), given, min_snr)
+                values, where = _columns(clouds, columns or {}), f"{source}, {topic}"
+                values, used = select(where, "points", values, valid(values), given, min_snr)
                 ends = np.cumsum([len(next(iter(cloud.values()))) for cloud in clouds])
                 parts = np.split(np.arange(len(used)), ends[:-1])
                 scans = [
-                    scan_of(time, {name: c[own[used[own]]] for name, c in columns.items()})
+                    scan_of(time, {name: c[own[used[own]]] for name, c in values.items()})
                     for time, own in zip(times, parts, strict=True)
                 ]
         found[topic] = scans, stated.get(topic) or _mounting(source, frame, base_frame)
@@ -159,19 +162,21 @@ def _messages(bag: Any, topic: str, bag_stamps: bool = False) -> Iterator[tuple[
         yield message, time, connection.msgtype
 
 
-def _columns(clouds: Sequence[Mapping[str, Array]]) -> dict[str, Array]:
-    """The quantities of all targets, one cloud after the other."""
+def _columns(clouds: Sequence[Mapping[str, Array]], named: Mapping[str, str]) -> dict[str, Array]:
+    """The quantities of all targets, one cloud after the other, of fields by their names."""
     if not clouds:
         raise ValueError("it has no message")
-    ways = ((name, recognised(name, clouds[0].keys())) for name in TARGET)
-    columns = {
+    ways = columns_among(clouds[0].keys(), TARGET, named)
+    needed = ({"doppler", *named, *place} for place in (MEASURED[:2], ("x", "y")))
+    if not any(each <= ways.keys() for each in needed):
+        raise ValueError(
+            f"its fields are {', '.join(clouds[0])}: place or Doppler is missing, or has another "
+            "name, which columns may state (--columns doppler=FIELD)"
+        )
+    return {
         name: way.factor * np.concatenate([cloud[way.name] for cloud in clouds])
-        for name, way in ways
-        if way is not None
+        for name, way in ways.items()
     }
-    if "doppler" not in columns or not ({"x", "y"} <= columns.keys() or "azimuth" in columns):
-        raise ValueError(f"its fields are {', '.join(clouds[0])}: place or Doppler is missing")
-    return columns
 
 
 def _cloud(message: Any) -> dict[str, Array]:
@@ -217,7 +222,7 @@ def _mounting(path: Path, frame: str, base: str) -> Mounting:
         raise ValueError(
             f"{path}: /tf_static must lead from {base} to {frame}, but has "
             f"{brief(', '.join(f'{p} to {c}' for c, (p, _) in parents.items())) or 'nothing'}; "
-            "state the mounting, or another base_frame"
+            "state the mounting (--mounting TOPIC X Y YAW), or another base_frame (--base-frame)"
         )
     yaw, pitch, roll = turn.as_euler("ZYX")
     return Mounting(place[0], place[1], yaw, pitch, roll)
@@ -282,7 +287,7 @@ def _spatial(covariance: Array) -> Array:
 
 
 def _read(path: str, chosen: Mapping[str, Any]) -> Source:
-    given = options_of(chosen, "base_frame", "bag_stamps", "min_snr")
+    given = options_of(chosen, "columns", "base_frame", "bag_stamps", "min_snr")
     sensors = load_bag(path, *chosen["topic"], mountings=mountings_of(chosen), **given)
     return sensors, ErrorBudget()
 

@@ -78,10 +78,6 @@ def load_csv(
     given = dict(zip(SIGMAS, (sigma_range, sigma_azimuth, sigma_doppler), strict=True))
     sigmas = {n: check_positive_scalar(n, sigma) for n, sigma in given.items() if sigma is not None}
     gap = NOT_NEGATIVE.number("scan_gap", scan_gap)
-    for name, column in named.items():
-        check_choice("columns", name, _QUANTITIES)
-        if not column:
-            raise ValueError(f"columns must name the column of {name}, as in {name}=COLUMN")
     stated = dict.fromkeys(ANGLES, "deg") if degrees else {}
     if time_unit is not None:
         check_choice("time_unit", time_unit, ("s", "ms", "us", "ns"))
@@ -183,13 +179,13 @@ def _read(paths: list[str], chosen: Mapping[str, Any]) -> Source:
     """The sensors of logs that have a mounting; files of one sensor follow each other."""
     mountings = mountings_of(chosen)
     scans: dict[str, list[RadarScan]] = {}
-    given = options_of(chosen, "time_unit", "degrees", "scan_gap", "skip_invalid", "min_snr")
-    pairs = [pair.partition("=") for pair in (chosen["columns"] or "").split(",") if pair]
+    names = "columns", "time_unit", "degrees", "scan_gap", "skip_invalid", "min_snr"
+    given = options_of(chosen, *names)
     for source in paths:
         name, equals, path = source.partition("=")
         if not equals or os.path.exists(source):  # without a name
             name, path = "", source
-        read = load_csv(path, columns={n: column for n, _, column in pairs}, **given)
+        read = load_csv(path, **given)
         if name and len(read) > 1:
             raise ValueError(f"--csv {source}: the file has several sensors, {', '.join(read)}")
         for sensor, own in read.items():

@@ -53,6 +53,8 @@ def load_gyro(path: str | os.PathLike[str], topic: str | None = None) -> tuple[A
     source = check_path("path", path)
     bag = is_bag(source)
     found = load_bag_reference(source, topic, GYROS) if bag else load_reference(source)
+    if np.isnan(found.theta[:, 2]).all():
+        raise ValueError(f"{source} has no yaw rate")
     return found.times, found.theta[:, 2]
 
 
@@ -62,6 +64,8 @@ def _odometry(source: Path) -> Reference:
     table = read_table(source, either, ("time", "speed", "yaw_rate"))
     found = table.numbers(table.columns)
     table.check(found)
+    for row in 1 + np.flatnonzero(np.diff(found["time"]) <= 0.0)[:1]:
+        raise ValueError(f"{table.where(row)}: times must increase, but do not")
     unknown = np.full_like(found["time"], np.nan)
     speed, omega = (found.get(name, unknown) for name in ("speed", "yaw_rate"))
     theta = np.column_stack([speed, 0.0 * speed, omega])

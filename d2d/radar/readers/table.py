@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from d2d._checks import FINITE
+from d2d._checks import FINITE, check_choice
 from d2d._types import Array
 from d2d.radar.files import brief, reading
 from d2d.radar.readers.shared import bytes_of
@@ -46,7 +46,7 @@ QUANTITIES = TARGET | {
     "sensor": ({}, "sensor sensor_id"),
     "frame": ({}, ""),
     "speed": (_SPEEDS, "speed velocity v"),
-    "yaw_rate": (_RATES | _ANGLES, "yaw_rate yawrate omega gyro_z"),
+    "yaw_rate": (_RATES | _ANGLES, "yaw_rate yawrate omega gyro_z wz angular_velocity_z"),
 }
 _HINT = "; are these degrees (degrees=True, on the command line --degrees)?"
 _FASTEST = FINITE._replace(
@@ -114,28 +114,37 @@ class Table(NamedTuple):
             bounds.number(f"{self.where(row)}: {name}", value)
 
 
-def recognised(
-    quantity: str, names: Collection[str], wanted: str = "", stated: str = ""
-) -> Column | None:
-    """The column of a quantity among others, by the ``wanted`` name if one is given.
+def columns_among(
+    names: Collection[str],
+    quantities: Collection[str],
+    named: Mapping[str, str],
+    stated: Mapping[str, str] = {},
+) -> dict[str, Column]:
+    """The columns of those quantities that are recognised among some names, or ``named`` there.
 
-    A minus sign before it turns the sign.  The unit is at the end of the name, or the ``stated``.
+    A minus sign before a name turns the sign.  The unit is at its end, or the ``stated`` one.
     """
-    units, known = QUANTITIES[quantity]
-    usual = (f"{name}_{unit}" if unit else name for name in known.split() for unit in ("", *units))
-    plain = plain_name(wanted.strip().removeprefix("-"))
-    name = next((each for each in ([plain] if plain else usual) if each in names), None)
-    if name is None:
-        return None
-    unit = max((u for u in units if name.endswith(f"_{u}")), key=len, default=stated)
-    sign = -1.0 if wanted.strip()[:1] == "-" else 1.0
-    return Column(name, sign * units.get(unit, 1.0), unit)
+    found = {}
+    for quantity, wanted in {**dict.fromkeys(quantities, ""), **named}.items():
+        check_choice("columns", quantity, quantities)
+        if not wanted and quantity in named:
+            raise ValueError(f"columns must name the column of {quantity}, as in {quantity}=COLUMN")
+        units, known = QUANTITIES[quantity]
+        usual = [f"{n}_{unit}" if unit else n for n in known.split() for unit in ("", *units)]
+        plain = plain_name(wanted.strip().removeprefix("-"))
+        name = next((each for each in ([plain] if plain else usual) if each in names), None)
+        if name is not None:
+            ends = (unit for unit in units if name.endswith(f"_{unit}"))
+            unit = max(ends, key=len, default=stated.get(quantity, ""))
+            sign = -1.0 if wanted.strip()[:1] == "-" else 1.0
+            found[quantity] = Column(name, sign * units.get(unit, 1.0), unit)
+    return found
 
 
 def read_table(
     source: Path,
     needed: Sequence[Collection[str]],
-    quantities: Iterable[str],
+    quantities: Collection[str],
     *,
     named: Mapping[str, str] = {},
     stated: Mapping[str, str] = {},
@@ -153,11 +162,7 @@ def read_table(
     for first, line in enumerate(iter(file.readline, ""), start=1):
         separator, where = max(",;\t", key=line.count), f"{source}, line {first}"
         names = [plain_name(word.strip().strip('"')) for word in line.lstrip("# ").split(separator)]
-        found = {
-            name: recognised(name, names, named.get(name, ""), stated.get(name, ""))
-            for name in quantities
-        }
-        columns = {name: column for name, column in found.items() if column is not None}
+        columns = columns_among(names, quantities, named, stated)
         if any(columns.keys() >= {*each} for each in needed):
             break
         if line.strip() and not line.startswith("#"):

@@ -131,12 +131,15 @@ def bag(tmp_path, request):
                 bag.make(f"geometry_msgs/msg/{kind}WithCovariance", each, np.zeros(36))
                 for kind, each in (("Pose", pose), ("Twist", twist))
             )
-            header = bag.header(time, "odom")
-            odometry = bag.make("nav_msgs/msg/Odometry", header, "base_link", *both)
+            odometry = bag.make(
+                "nav_msgs/msg/Odometry", bag.header(time, "odom"), "base_link", *both
+            )
             bag.write("/odom", heard, odometry)
             none, still = np.zeros(9), bag.make(vector, 0.0, 0.0, 0.0)
             moved = (facing, none, turn, none, still, none)
-            bag.write("/imu", heard, bag.make("sensor_msgs/msg/Imu", header, *moved))
+            bag.write(
+                "/imu", heard, bag.make("sensor_msgs/msg/Imu", bag.header(time, "imu"), *moved)
+            )
     return bag.path
 
 
@@ -160,6 +163,8 @@ def test_scans_and_mountings_of_a_bag(bag):
         assert_allclose(other.elevation, 0.1, rtol=1e-6)
     (strong, _) = load_bag(bag, "/front/points", min_snr=5.0, **SIGMAS)["/front/points"]
     assert [len(scan) for scan in strong] == [len(scan) - 5 for scan in DRIVE.scans]
+    (turned, _) = load_bag(bag, "/front/points", columns={"y": "-y"}, **SIGMAS)["/front/points"]
+    assert_allclose(turned[0].azimuth, -front[0].azimuth)
     (late, _) = load_bag(bag, "/front/points", bag_stamps=True, **SIGMAS)["/front/points"]
     assert late[0].time == pytest.approx(1e9 + 0.03, abs=1e-6)
 
@@ -227,6 +232,7 @@ def test_what_a_bag_has_not_is_named(bag, tmp_path):
         (bag.name, "/rear", {}, "must be one of /front/points, /none, /side/scan, but is /rear"),
         (bag.name, "/side/scan", {"base_frame": "car"}, "/tf_static must lead from car to side"),
         (bag.name, "/side/scan", {"sigma_range": -1.0}, "is not a bag with scans of a radar"),
+        (bag.name, "/none", {"mountings": {"/non": Mounting()}}, "mountings must be one of /none"),
         (bag.name, "/none", {}, "its fields are x, y, snr_db: place or Doppler is missing"),
         ("torn.bag", "/rear", {}, "torn.bag is not a complete bag of ROS"),
         ("torn", "/rear", {}, "torn is not a complete bag of ROS"),
