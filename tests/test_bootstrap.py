@@ -5,7 +5,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.signal import lfilter
 
 from d2d import block_bootstrap, block_length
-from d2d.radar.evaluation.sandwich import block_sums
+from d2d.bootstrap import block_sums
 
 
 def autoregression(rng: np.random.Generator, coefficient: float, shape) -> np.ndarray:

@@ -9,7 +9,7 @@ import scipy
 from numpy.typing import NDArray
 
 from d2d._types import Array
-from d2d.radar.evaluation.sandwich import covariance_of_sum
+from d2d.bootstrap import covariance_of_sum
 from d2d.radar.motion.doppler import doppler_ego_motion
 from d2d.radar.scans.reference import Reference
 from d2d.radar.scans.scan import Mounting, RadarScan, doppler_gradients, level

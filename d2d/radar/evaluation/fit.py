@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from d2d._checks import check_finite
 from d2d._types import Array
-from d2d.radar.evaluation.sandwich import covariance_of_sum
+from d2d.bootstrap import covariance_of_sum
 from d2d.radar.scans.budget import ErrorBudget
 from d2d.scores import checked_errors, log_score
 

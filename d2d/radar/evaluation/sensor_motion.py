@@ -8,8 +8,8 @@ import numpy as np
 import scipy
 
 from d2d._types import Array
+from d2d.bootstrap import covariance_of_sum
 from d2d.radar.evaluation.calibration_model import scan_velocities
-from d2d.radar.evaluation.sandwich import covariance_of_sum
 from d2d.radar.scans.scan import Mounting, RadarScan, doppler_velocity, level
 from d2d.radar.tracks.rounds import SensorScans
 from d2d.radar.tracks.track import Track

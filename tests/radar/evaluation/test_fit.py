@@ -8,8 +8,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from d2d import log_score
+from d2d.bootstrap import covariance_of_sum
 from d2d.radar import ErrorBudget, Mounting, compare, fit_budget, simulate_drive, track
-from d2d.radar.evaluation.sandwich import covariance_of_sum
 
 TRUE = np.array([0.02, 0.04, 0.003])
 SCALE = np.array([0.01, 0.02, 0.002])  # of the noise
