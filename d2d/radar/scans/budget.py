@@ -12,8 +12,8 @@ _SIGMA = NOT_NEGATIVE._replace(most=1e3)
 class ErrorBudget(Bounded):
     """Standard deviations of the errors that many targets share, or that no target explains.
 
-    They add to the covariance of a track, and a part of them lessens the weight of its Doppler
-    velocities.  None is negative or above 1000.
+    They add to the covariance of a track; a part of ``azimuth`` and ``doppler`` also lessens the
+    weight of its Doppler velocities.  None is negative or above 1000.
 
     Attributes
     ----------
@@ -30,9 +30,9 @@ class ErrorBudget(Bounded):
     source : str
         Where the numbers come from.
     v_x, v_y, omega : float, m/s, m/s, rad/s
-        Of errors of the velocity itself; with those of `fit_budget`, leave the others at zero.
+        Of slow errors of the velocity itself; with `fit_budget`'s, leave the others at zero.
     sway : float, rad/s
-        Of the vehicle's own yaw rate about the mean that an interval of scans shows.
+        Of the yaw rate about its mean over a pair of scans; not in a path or a `FilterInput`.
     """
 
     azimuth: float = number(0.0, ANGLE._replace(least=0.0))
