@@ -14,7 +14,7 @@ from d2d.radar.motion.pairs import ScanPair
 from d2d.radar.scans.scan import MEASURED, Mounting, RadarScan, level
 
 MAX_INTERVAL = 60.0  # s; longer times between scans, and horizons, are taken for another unit
-HORIZON = 0.3  # s; on five drives the log score was best at 0.23 to 0.45 s (appendix F)
+HORIZON = 0.3  # s; on five drives the yaw rate was best at 0.15 to 0.3 s (appendix F)
 _REMEMBERED = 9  # intervals of a sensor, whose median is its cycle
 _ROUND = 1.5  # cycles, after which a round is over
 # A pair may be this many times as long as the horizon, or bridge a scan that is missing.
