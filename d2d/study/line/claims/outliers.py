@@ -55,7 +55,7 @@ RIGHT_DRAWS = "share of draws with the highest peak at the true alignment"
 UP_TO = "share of draws with all others up to"
 
 
-@claim("outlier-fixed-summing", section="4.4", lines="729, 737", figure="outlier-fixed-cost")
+@claim("outlier-fixed-summing", section="4.4", lines="729, 736", figure="outlier-fixed-cost")
 def outlier_fixed_summing(ev: Evidence) -> None:
     """An outlier in the previous set introduces a fourth possibility for each target, and more
     local peaks of the sum.
