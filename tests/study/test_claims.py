@@ -20,10 +20,8 @@ def test_the_check_finds_what_is_on_record(claim):
     """Breaks if a number changes so much that the claim must be told, or judged, anew."""
     evidence = claim.check()
     assert differences(evidence, RECORD[claim.id]) == []
-    assert evidence.numbers
     for name, value in evidence.numbers.items():
         assert math.isfinite(value), name
-        assert isinstance(value, (int, float)), name
     assert evidence.because.strip()
 
 
@@ -33,7 +31,7 @@ def test_the_record_has_every_claim_and_no_other():
 
 
 def test_a_claim_is_filled_in():
-    """Breaks if a row of the ledger has a hole."""
+    """Breaks if a row has a hole, or a headline that speaks against a confirmed claim."""
     chapters = [path.read_text(encoding="utf-8") for path in CHAPTERS.glob("*.ipynb")]
     figures = set(re.findall(r"\bfig-([a-z0-9-]+)", "".join(chapters)))
     for id, claim in CLAIMS.items():
@@ -42,6 +40,8 @@ def test_a_claim_is_filled_in():
         assert re.fullmatch(r"\d+([,–] ?\d+)*", claim.lines), id
         assert claim.figure in figures, id
         assert 1 <= len(evidence.headlines) <= 2, id
+        places = [place for each in evidence.headlines.values() for place in each.margin_units]
+        assert evidence.verdict != "confirmed" or min(places, default=1.0) > 0.0, id
         for name, number in evidence.numbers.items():
             if isinstance(number, Measured):
                 assert number.low <= number <= number.high, (id, name)

@@ -11,7 +11,7 @@ from d2d.bootstrap import block_length
 from d2d.radar import Track, compare, simulate_drive, track
 from d2d.radar.simulation.drive import CAR_MOUNTING, CAR_SPEED, Drive
 from d2d.radar.tracks.path import chain
-from d2d.study.book.claim import ANEES, RATIO, SHARE, Evidence, Margin, Part, claim, nearly_all
+from d2d.study.book.claim import RATIO, SHARE, Evidence, Margin, Part, claim, nearly_all
 from d2d.study.book.measured import (
     Measured,
     geometric_mean_of,
@@ -148,9 +148,10 @@ def doppler_more_certain(ev: Evidence) -> None:
         for name, comparisons in drives.items()
     }
     more_certain = ev.part("it becomes more certain", RATIO.larger)
-    _add_ratios(more_certain, "ratio of the median sigma of {}, without / with", ratio, ("v_x",))
+    of_sigma = "ratio of the median sigma of {}, without / with"
+    _add_ratios(more_certain, of_sigma, ratio, ("v_x", "omega"))
     ev("mean ANEES without Doppler", anees["without"])
-    ev.headline("mean ANEES with Doppler", anees["with"], ANEES.same)
+    ev("mean ANEES with Doppler", anees["with"])
     ev.conclude(
         f"the median sigma without Doppler over that with it is {_by_component(ratio)}, and the "
         f"mean ANEES is {anees['without']:.2f} without and {anees['with']:.2f} with it. Another "

@@ -38,8 +38,8 @@ def _gain_of_two(
 
 @claim("gmm-better", section="2.3", lines="251, 264", figure="gmm")
 def gmm_better(ev: Evidence) -> None:
-    """In some situations, such as data with two humps, one Gaussian is "not optimal" and two
-    represent the observations better.
+    """Data with two humps are a situation in which one Gaussian is "not optimal" and two represent
+    the observations better.
     """
     rng = np.random.default_rng(23)
     two_better = ev.part("two represent two humps better", nearly_all)
@@ -100,7 +100,7 @@ def _count_falls(fit: MixtureFit) -> int:
     return int((np.diff(fit.log_likelihoods) < -ROUNDING * size).sum())
 
 
-@claim("em-monotone", section="2.3", lines="268, 294", figure="em-starts")
+@claim("em-monotone", section="2.3", lines="268, 293", figure="em-starts")
 def em_monotone(ev: Evidence) -> None:
     """EM, in the thesis without weights of the components, iterates between its two steps "until it
     is converged".

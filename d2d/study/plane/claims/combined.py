@@ -70,7 +70,7 @@ def all_likelihood_stable(ev: Evidence) -> None:
         "without the outlier component the outliers pull the optimum off, to "
         f"{ratio:.1f} times the RMSE in B. With it, a second minimum has more than 1% of the "
         f"highest density in {1 - one:.0%} of the draws there.",
-        holds="For the place of the minimum with the outlier component.",
+        holds=f"In A; in B the minimum is the only one in {one:.0%} of the draws.",
         over=f"{OF_BOTH}; for the minima {SEARCHED} of each",
     )
 
