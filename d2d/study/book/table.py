@@ -1,6 +1,7 @@
 """Tables that end a cell: HTML for a reader, and aligned text of the same words for the tests."""
 
 import math
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
@@ -15,6 +16,7 @@ Column = str | tuple[str, ...]
 """A heading, or a heading with a unit ("" for none) and the format of its numbers."""
 
 ABSENT = "–"
+_NUMBER = re.compile(r"[-+]?\d+(\.\d+)?%?")
 
 
 def significant(value: float) -> str:
@@ -36,6 +38,11 @@ def cell(value: Any, specification: str = "") -> str:
     if specification and np.isfinite(value):
         return format(value, specification)
     return significant(float(value))
+
+
+def _is_number(value: Any) -> bool:
+    """Whether a value is a number, missing, a truth, or a text that reads as a number."""
+    return not isinstance(value, str) or _NUMBER.fullmatch(value) is not None
 
 
 @dataclass(frozen=True)
@@ -82,8 +89,8 @@ def table(
     The first cell of each of the ``rows`` is its name.  Of a mapping, the keys name the rows, and a
     value is the rest of a row: a sequence or array, or a single value.  Each of the ``columns`` has
     a heading, or (heading, unit), or (heading, unit, format); without a format, numbers have three
-    significant digits.  ``groups`` are headings over several columns, with how many columns each;
-    together the last ones.
+    significant digits.  Numbers, and texts that read as numbers, are set flush right.  ``groups``
+    are headings over several columns, with how many columns each; together the last ones.
 
     Examples
     --------
@@ -103,9 +110,7 @@ def table(
         tuple(cell(value, spec[2]) for value, spec in zip(row, padded, strict=True))
         for row in listed
     )
-    numeric = [
-        not any(isinstance(value, str) for value in column) for column in zip(*listed, strict=True)
-    ]
+    numeric = [all(map(_is_number, column)) for column in zip(*listed, strict=True)]
     over = [group for group, span in (groups or {}).items() for _ in range(span)]
     over = [""] * (len(padded) - len(over)) + over
     header = tuple((group, spec[0], spec[1]) for group, spec in zip(over, padded, strict=True))

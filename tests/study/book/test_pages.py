@@ -97,8 +97,8 @@ def test_verdicts_are_counted():
 # ---- Tables -------------------------------------------------------------------------------------
 
 
-COLUMNS = ["method", ("v_x", "mm", ".1f"), "converged"]
-ROWS = {"ICP & co.": (-14.94, True), "NDT": (np.nan, None), "P2D": (2.0, False)}
+COLUMNS = ["method", ("v_x", "mm", ".1f"), "share", "converged"]
+ROWS = {"ICP & co.": (-14.94, "9%", True), "NDT": (np.nan, None, None), "P2D": (2, "0.15", False)}
 
 
 def words(html: str) -> list[str]:
@@ -112,15 +112,15 @@ def test_text_and_html_say_the_same():
     shown = table(ROWS, COLUMNS, "Errors <of> three methods.")
     assert str(shown).splitlines() == [
         "Errors <of> three methods.",
-        "method     v_x (mm)  converged",
-        "ICP & co.     -14.9        yes",
-        "NDT               –          –",
-        "P2D             2.0         no",
+        "method     v_x (mm)  share  converged",
+        "ICP & co.     -14.9     9%        yes",
+        "NDT               –      –          –",
+        "P2D             2.0   0.15         no",
     ]
     html = shown._repr_html_()
     assert words(html) == [
-        *("method", "vx mm", "converged", "ICP & co.", "−14.9", "yes"),
-        *("NDT", "–", "–", "P2D", "2.0", "no"),
+        *("method", "vx mm", "share", "converged", "ICP & co.", "−14.9", "9\u202f%", "yes"),
+        *("NDT", "–", "–", "–", "P2D", "2.0", "0.15", "no"),
     ]
     assert all(part in html for part in ("&lt;of&gt; three methods.", "<i>v<sub>x</sub></i>"))
 
