@@ -64,8 +64,9 @@ FAULTS: dict[str, Fault] = {
     # as some sensors report it: the velocity of a static target is subtracted
     "Doppler over ground": lambda s, m, truth: (over_ground_undone(s, -truth.theta, m), m),
     "Doppler folded at 8 m/s": _each(_folded),
-    "sigmas 5 x too small": _each(lambda scan: scaled(scan, 0.2)),
-    "sigmas 5 x too large": _each(lambda scan: scaled(scan, 5.0)),
+    # 5 x too small is a matter of the last digit: of many optima, each depends on the one before
+    "sigmas 3 x too small": _each(lambda scan: scaled(scan, 1.0 / 3.0)),
+    "sigmas 3 x too large": _each(lambda scan: scaled(scan, 3.0)),
     "azimuths in degrees": _each(lambda scan: replace(scan, azimuth=np.rad2deg(scan.azimuth))),
     "times in microseconds": _each(lambda scan: replace(scan, time=1e6 * scan.time)),
 }
