@@ -198,7 +198,7 @@ def _of_motion(log: Mapping[str, SensorScans], driven: Track) -> Iterator[Findin
     scaled = all(range_rates_agree(scans) > _AGREED for scans, _ in log.values())
     faults = likelier_without(log, off, scaled=scaled)
     for fault, nats in faults:
-        about = f"intervals are {nats:.1f} nats more likely without it"
+        about = f"scans fit together better without it: log-likelihood {nats:+.1f} per interval"
         yield Finding(fault.symptom, fault.sensor, nats, "nats", True, about)
     if faults:
         return
