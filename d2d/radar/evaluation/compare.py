@@ -167,7 +167,7 @@ class Comparison(Frozen):
         rows: list[tuple[str, ...]] = []
         for label, form, pick in _ROWS:
             rows.append((label, *texts(form, pick(self.measures))))
-            rows.append(("", *texts(f"[{form}, {form}]", *pick(intervals))))
+            rows.append(("", *texts(f"[{form},{form}]", *pick(intervals))))
         stated = np.sqrt(np.mean(self.sigmas**2, axis=0))
         rows.insert(4, ("stated sigma", *texts("{:.3f}", stated), ""))
         return pandas.DataFrame([row[1:] for row in rows], [row[0] for row in rows], _HEAD)
@@ -182,8 +182,8 @@ class Comparison(Frozen):
             "",
             f"ANEES {self.credibility.anees:.2f} (credible if independent: {low:.2f} to {high:.2f})"
             f", NCI {self.credibility.nci:.1f} dB, I2 {self.credibility.inclination:+.1f} dB.",
-            "Whitened squares (ideally 1; all: ANEES), -log density (m/s, rad/s) and shares are of",
-            "omega, of v_y given omega, of v_x given both, and of all three together.",
+            "Whitened squares (ideally 1; all: ANEES), -log density (m/s, rad/s) and shares",
+            "are of omega, of v_y given omega, of v_x given both, and of all three together.",
             f"[95 % intervals] from blocks of {self.block} estimates.",
         ]
         return "\n".join(lines)
