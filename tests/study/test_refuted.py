@@ -147,7 +147,7 @@ WORLDS = {
     "equal-sigma-same": {
         LINE: {"_survey": lambda cost: surveyed(cost is SUM)},  # one peak, none
     },
-    "noisy-p2d-fails": {LINE: FEW | {"P2D": SUM, "D2D": surfaces.P2D, "NOISE_RATIO": 6.0}},
+    "noisy-p2d-fails": {LINE: FEW | {"P2D": SUM, "D2D": surfaces.P2D, "NOISE_RATIO": 10.0}},
     "summing-local-peaks": {LINE: FEW | FAR_OFF | {"D2D": PRODUCT}},
     "likelihood-one-peak": {LINE: FEW | FAR_OFF | {"LIKELIHOOD": SUM}},
     "summing-smoother": {LINE: FEW | {"D2D": PRODUCT, "LIKELIHOOD": SUM}},

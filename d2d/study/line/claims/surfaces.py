@@ -19,7 +19,7 @@ DRAWS = 1000
 OVER = f"{DRAWS} draws of the noise of the thesis's scene on a line"
 TRANSLATIONS = np.arange(-12.0, 16.0, 0.02)  # m
 VISIBLE = 0.01  # a peak below 1 % of the highest cannot be seen in a plot of the density
-NOISE_RATIO = 4.0  # of the standard deviations, and twice as much: the thesis gives no number
+NOISE_RATIO = 4.0  # of the noisier set's standard deviation; the thesis gives no number
 OUTSTANDING = 0.8  # no other peak reaches 80 % of a peak that stands out
 
 P2D, D2D = RegistrationCost("p2d", "summing"), RegistrationCost("d2d", "summing")
@@ -33,7 +33,7 @@ def _surfaces(
     return surfaces_of_scene(line_scene, DRAWS, cost, sigma_moving, of_b_alone)
 
 
-@lru_cache(maxsize=9)  # all that the claims ask for; 11 MB each
+@lru_cache(maxsize=8)  # all that the claims ask for; 11 MB each
 def surfaces_of_scene(
     scene: Callable[..., tuple[PointSet, PointSet]],
     draws: int,
@@ -142,30 +142,22 @@ def noisy_p2d_fails(ev: Evidence) -> None:
     """If the current set has the larger standard deviation, the surface of P2D "does not include a
     global peak", and that of D2D has only one global maximum.
     """
-    less, more = NOISE_RATIO, 2.0 * NOISE_RATIO
-    surveys = {name: _survey(c, less * SIGMA) for name, c in (("P2D", P2D), ("D2D", D2D))}
-    noisier = [_survey(cost, more * SIGMA) for cost in (P2D, D2D)]
-    p2d, d2d, p2d_noisier, d2d_noisier = (
-        share_of(is_right(s) & (s.rival < OUTSTANDING)) for s in (*surveys.values(), *noisier)
-    )
+    surveys = {name: _survey(c, NOISE_RATIO * SIGMA) for name, c in (("P2D", P2D), ("D2D", D2D))}
+    p2d, d2d = (share_of(is_right(s) & (s.rival < OUTSTANDING)) for s in surveys.values())
     has_none = ev.part("P2D has no global peak", nearly_all)
     has_one = ev.part("D2D has one", nearly_all)
     without = "share of draws without an outstanding peak at the truth, P2D"
-    none = has_none.headline(without, complement(p2d))
+    has_none.headline(without, complement(p2d))
     has_one.headline("share of draws with one, D2D", d2d)
-    none_noisier = has_none(f"{without}, {more:g} times the noise", complement(p2d_noisier))
-    has_one(f"share of draws with one, D2D, {more:g} times the noise", d2d_noisier)
     for name, each in surveys.items():
         right = share_of(is_right(each))
         ev(f"share of draws with {name}'s highest peak at the true alignment", right)
         ev(f"mean number of peaks, {name}", mean_of(each.optima))
     ev.conclude(
-        "P2D expects less scatter than there is, so the common peak of its targets splits in some "
-        "draws, the more the noisier M is; in the rest no other peak reaches "
-        f"{OUTSTANDING:.0%} of it. The thesis does not say how noisy its set is.",
-        holds=f"The noise is large enough for P2D, and small enough for D2D: with {more:g} times "
-        f"the noise in M P2D has no global peak in {none_noisier:.0%} of the draws, with {less:g} "
-        f"times in {none:.0%}; D2D has one in {d2d_noisier:.0%} and {d2d:.0%}.",
+        f"with {NOISE_RATIO:g} times the noise in M, P2D expects less scatter than there is, so "
+        "the common peak of its targets splits in some draws; in the others it still stands out, "
+        f"with all others below {OUTSTANDING:.0%} of it.",
+        holds=f"D2D has a global peak in {d2d:.0%} of the draws.",
         over=OVER,
     )
 
