@@ -64,9 +64,6 @@ def test_each_pair_starts_at_the_last_velocity():
     assert abs(lost[0] - 12.0) > 2.0, "the Doppler start is too good to tell"
 
 
-# ---- scan by scan
-
-
 def fed(tracker: Tracker, sensors) -> list[VelocityEstimate]:
     """What a tracker gives for the scans of named sensors in time order."""
     return added(tracker, in_order(sensors)) + tracker.finish()
@@ -230,9 +227,6 @@ def test_a_tracker_refuses_what_is_no_scan_of_its_sensors():
         track((scans, at), budgets=ErrorBudget())
 
 
-# ---- one sensor or several
-
-
 def front_alone(sensors, **options) -> Track:
     return track(sensors[0], **options)
 
@@ -386,9 +380,6 @@ def test_what_is_accepted_after_a_gap_in_a_bend_is_as_sure_as_it_says(gap):
     assert normalised_squares(errors, found.covariance[good]).max() < 40.0
 
 
-# ---- budget and limits
-
-
 def test_a_track_contains_its_budget():
     """Breaks if errors of the budget average out, or are learnt from what a vehicle does."""
     drive = simulate_drive(np.random.default_rng(1), duration=3.0)
@@ -432,9 +423,6 @@ def test_a_jump_is_refused_until_the_vehicle_could_have_made_it():
     found = track((scans, drive.mounting), limits=limits)
     assert found.reasons[19].startswith(("an acceleration", "an optimum", "no optimum"))
     assert found.converged[22:].all()
-
-
-# ---- progress
 
 
 def test_a_bar_is_shown_only_if_wanted(capsys):
