@@ -157,7 +157,7 @@ $(PEERS)/.installed: requirements.txt pyproject.toml
 	$(BIN)/python -m venv --clear $(PEERS)
 	@echo '*' > $(PEERS)/.gitignore
 	@grep '^[^#]*==' requirements.txt > $(PEERS)/constraints.txt
-	@for package in '-e .[study]' $$(sed -nE 's/^bench = \[(.*)\]/\1/p' pyproject.toml | tr -d '",'); do \
+	@for package in '-e .[study,radarscenes]' $$(sed -nE 's/^bench = \[(.*)\]/\1/p' pyproject.toml | tr -d '",'); do \
 	  echo "Installing $$package"; \
 	  $(PEERS)/bin/python -m pip install --quiet --disable-pip-version-check \
 	    --constraint $(PEERS)/constraints.txt $$package || echo "$$package is left out" >&2; \

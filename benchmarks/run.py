@@ -50,11 +50,11 @@ def in_one_thread() -> None:
 
 
 def without_chatter() -> None:
-    """Discard stderr: some libraries write warnings there on every call, bypassing Python."""
+    """Discard what libraries write to stderr on every call, bypassing Python, but no traceback."""
     sys.stdout.flush()
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(nowhere, 2)
-    os.close(nowhere)
+    sys.stderr = os.fdopen(os.dup(2), "w")
+    with open(os.devnull, "wb") as nowhere:
+        os.dup2(nowhere.fileno(), 2)
 
 
 def affordable(size: int, start: str, rows: Sequence[report.Row]) -> list[peers.Peer]:
