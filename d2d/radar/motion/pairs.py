@@ -42,7 +42,7 @@ def scan_pairs(
     """The pairs of scans that a caller gives, checked: one, or several as three sequences.
 
     Raises a ``ValueError`` if an argument has the wrong type, the sequences are empty or differ in
-    length, a pair is out of time order or a scan has no targets.
+    length, a pair is out of time order or a scan has no targets, also once it is levelled.
     """
     given: dict[str, Any] = {"previous": previous, "current": current, "mounting": mounting}
     alone = isinstance(previous, RadarScan) or isinstance(current, RadarScan)
@@ -67,10 +67,10 @@ def scan_pairs(
                 f"current{place} must be later than previous{place}, but is at "
                 f"{later.time:.6f} s after {earlier.time:.6f} s"
             )
+        (earlier, flat), (later, _) = level(earlier, at), level(later, at)
         for name, scan in (("previous", earlier), ("current", later)):
             if not scan.size:
                 raise ValueError(f"{name}{place} holds no targets")
-        (earlier, flat), (later, _) = level(earlier, at), level(later, at)
         pairs.append(ScanPair(earlier, later, flat))
     return pairs
 

@@ -8,7 +8,7 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from d2d import rigid
 from d2d._checks import (
@@ -149,9 +149,7 @@ class RadarScan(Frozen):
             check_shape(name, array, shape, like=like)
             self._keep(name, array)
             shape, like = str(self.range.shape), "range"
-        across = np.hypot(self.range * self.sigma_azimuth, self.extent)
-        ratio = across / np.hypot(self.sigma_range, self.extent)
-        if not np.all((ratio < _LONGEST) & (ratio > 1.0 / _LONGEST)):
+        if not _regular(self.range, self.sigma_range, self.sigma_azimuth, self.extent).all():
             raise ValueError(
                 "sigma_range and range * sigma_azimuth must not differ by more than a factor of "
                 f"{_LONGEST:g}"
@@ -318,6 +316,14 @@ def _variance(name: str, sigma: ArrayLike, size: int) -> Array:
     return array**2
 
 
+def _regular(
+    distance: Array, sigma_range: Array, sigma_azimuth: Array, extent: Array
+) -> NDArray[np.bool_]:
+    """Mask (K,) of the targets whose covariance does not round to a singular one."""
+    ratio = np.hypot(distance * sigma_azimuth, extent) / np.hypot(sigma_range, extent)
+    return np.asarray((ratio < _LONGEST) & (ratio > 1.0 / _LONGEST))
+
+
 @lru_cache(maxsize=64)
 def level(scan: RadarScan, mounting: Mounting) -> tuple[RadarScan, Mounting]:
     """The scan that a sensor with its axes in the plane would have taken, and its mounting.
@@ -325,7 +331,8 @@ def level(scan: RadarScan, mounting: Mounting) -> tuple[RadarScan, Mounting]:
     With w = R_y(pitch) R_x(roll) u, the direction of a target along axes of which x and y lie in
     the plane, and h = hypot(w_x, w_y), the plane sees it at the range h r, in the direction
     atan2(w_y, w_x), with the Doppler velocity V / h.  The errors of azimuth and elevation are
-    propagated to first order.  Targets less than 3 deg from the vertical are left out.
+    propagated to first order.  Targets less than 3 deg from the vertical are left out, and so are
+    those whose values in the plane are beyond what a `RadarScan` may hold.
     """
     if not (mounting.pitch or mounting.roll or scan.elevation.any()):
         return scan, mounting
@@ -334,8 +341,7 @@ def level(scan: RadarScan, mounting: Mounting) -> tuple[RadarScan, Mounting]:
     to_plane = np.array([c, s * t + 1.0j * d, s * d - 1.0j * t])  # x and y as a complex number
     sight = to_plane @ _sight(scan.azimuth, scan.elevation)
     seen = np.abs(sight) > _STEEPEST
-    if not seen.all():
-        scan, sight = scan[seen], sight[seen]
+    scan, sight = scan[seen], sight[seen]
     share = np.abs(sight)
     aside = np.cos(scan.elevation) * _sight(scan.azimuth + 0.5 * np.pi)
     above = _sight(scan.azimuth, scan.elevation + 0.5 * np.pi)
@@ -343,8 +349,7 @@ def level(scan: RadarScan, mounting: Mounting) -> tuple[RadarScan, Mounting]:
     moved = to_plane @ np.stack([aside, above]) * [scan.sigma_azimuth, scan.sigma_elevation]
     moved *= sight.conj() / share
     of_share, of_direction = np.hypot(*moved.real), np.hypot(*moved.imag)
-    flat = RadarScan(
-        scan.time,
+    columns = (
         scan.range * share,
         np.angle(sight),
         scan.doppler / share,
@@ -352,8 +357,12 @@ def level(scan: RadarScan, mounting: Mounting) -> tuple[RadarScan, Mounting]:
         of_direction / share,
         np.hypot(scan.sigma_doppler, scan.doppler * of_share / share) / share,
         scan.extent,
+        *np.zeros((2, scan.size)),  # elevations
     )
-    return flat, mounting.flat
+    held = _regular(columns[0], columns[3], columns[4], scan.extent)
+    for bounds, column in zip(BOUNDS.values(), columns, strict=True):
+        held &= bounds.hold(column)
+    return RadarScan._made(scan.time, *(each[held] for each in columns)), mounting.flat
 
 
 def _sight(azimuth: Array, elevation: Array | float = 0.0) -> Array:

@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
 from d2d import credibility, rigid
-from d2d.radar import Mounting, RadarScan, Tracker, doppler_ego_motion, track
+from d2d.radar import Mounting, RadarScan, Tracker, doppler_ego_motion, estimate_ego_motion, track
 from d2d.radar.scans.scan import level
 
 THETA = np.array([8.0, 0.0, 0.2])
@@ -93,12 +93,15 @@ def test_positions_with_heights_are_the_same_targets():
 
 
 def test_the_vertical_shows_nothing():
-    """Breaks if a target overhead is divided by zero, or a flat scan is changed."""
-    upwards = {"elevation": [0.5 * np.pi, 0.1]}
-    scan = RadarScan(0.0, [5.0, 9.0], [0.0, 0.1], [0.0, 1.0], 0.1, 0.01, 0.1, **upwards)
-    assert_array_equal(scan.sigma_elevation, [0.01, 0.01])
-    assert len(level(scan, Mounting())[0]) == 1
-    flat = RadarScan(0.0, [5.0], [0.0], [0.0], 0.1, 0.01, 0.1)
+    """Breaks if a target overhead is divided by zero or refused, or a flat scan is changed."""
+    targets = [5.0, 9.0], [0.0, 0.1], [9e3, 1.0], 0.1, 0.01, 0.1
+    for steep in (0.5 * np.pi, 1.5):  # the other moves at 127 km/s along the ground
+        scan = RadarScan(0.0, *targets, elevation=[steep, 0.1])
+        assert_array_equal(scan.sigma_elevation, [0.01, 0.01])
+        assert len(level(scan, Mounting())[0]) == 1
+    flat, later = (RadarScan(time, [5.0], [0.0], [0.0], 0.1, 0.01, 0.1) for time in (0.0, 0.1))
     assert level(flat, Mounting(1.0))[0] is flat
+    with pytest.raises(ValueError, match="holds no targets"):
+        estimate_ego_motion(flat, later, Mounting(pitch=0.5 * np.pi))
     with pytest.raises(ValueError, match=r"^elevation must be in radians"):
         RadarScan(0.0, [5.0], [0.0], [0.0], 0.1, 0.01, 0.1, elevation=[10.0])
