@@ -39,61 +39,64 @@ class Knots(NamedTuple):
     theta: Array  # (m, 3)
     errors: Array  # (m, 2, n, n + k), as `Track.errors`
 
-    def motions(self, times: Array) -> Array:
-        """The twists Omega (n - 1, 3) between times (n,), none of which has a knot in between.
+    def motions(self, begins: Array, ends: Array) -> Array:
+        """The twists Omega (n, 3) from times (n,) to others, without a knot in between.
 
         Beyond the knots the velocity is that of the nearest one.
         """
-        velocity = np.column_stack([np.interp(times, self.times, v) for v in self.theta.T])
-        a, b, passed = velocity[:-1], velocity[1:], np.diff(times)[:, None]
+        a, b = np.stack([np.interp([begins, ends], self.times, v) for v in self.theta.T], axis=-1)
+        passed = (ends - begins)[:, None]
         bracket = np.cross(a, b) * [1.0, 1.0, 0.0]
         return np.asarray(0.5 * passed * (a + b) + passed**2 / 12.0 * bracket)
 
     def displacement(self, start: float, ends: Array) -> Displacement:
         """The motions (n, 3) from a time to later ones, and their covariances; nan if unknown.
 
-        The error of the pose, along the axes at the start, depends on those of the velocities at
-        the knots before and after, with which it has the covariances ``behind`` and, that of all
-        of the state and of the slow errors, ``ahead``.
+        They are those from knot to knot, and from the last knot before an end to the end.  The
+        error of the pose, along the axes at the start, depends on those of the velocities at the
+        knots before and after, with which it has the covariances ``behind`` and, that of all of the
+        state and of the slow errors, ``ahead``.
         """
         found = Displacement(np.full((len(ends), 3), np.nan), np.full((len(ends), 3, 3), np.nan))
-        i = max(int(np.searchsorted(self.times, start, side="right")) - 1, 0)
         if start < self.times[0] - ROUNDED or len(self.times) < 2:
             return found
-        last = min(int(np.searchsorted(self.times, ends.max())), len(self.times) - 1)
-        nodes = np.unique(np.concatenate([[start], self.times[i + 1 : last], ends]))
-        nodes = nodes[nodes <= self.times[-1] + ROUNDED]
-        if len(nodes) < 2:
+        passed, last = np.diff(self.times), len(self.times) - 1
+        i = min(max(int(np.searchsorted(self.times, start, side="right")) - 1, 0), last - 1)
+        silences = np.flatnonzero(passed[i:] > max(MEMORY, 2.5 * float(np.median(passed))))
+        last = int(np.append(i + silences, last)[0])
+        known = np.flatnonzero(ends <= self.times[last] + ROUNDED)
+        if not len(known):
             return found
-        moves, slopes, _ = rigid.exponential_derivatives(self.motions(nodes))
-        poses = chain(moves, np.zeros(3))
-        turned = rigid.rotation(poses[:-1, 2])
-        slopes[:, :2] = turned @ slopes[:, :2]
-        slopes *= 0.5 * np.diff(nodes)[:, None, None]
-        longest = max(MEMORY, 2.5 * float(np.median(np.diff(self.times))))
-        total, behind = np.zeros((3, 3)), np.zeros((3, 3))
-        ahead, i = np.zeros(self.errors.shape[2:])[:3], i - 1
-        for n, time in enumerate(nodes[1:]):
-            if n == 0 or (i + 2 < len(self.times) and nodes[n] >= self.times[i + 1]):
-                i += 1
-                passed = self.times[i + 1] - self.times[i]
-                if passed > longest:
-                    break
-                behind, ahead = ahead[:, :3], self._carried(ahead, i)
-                own, later = self.errors[i, 1, :3], self.errors[i + 1, 1, :3]
-                both = self._carried(own, i)
-            share = (nodes[n] + time - 2.0 * self.times[i]) / passed
-            move = np.eye(3)
-            move[:2, 2] = poses[n, 1] - poses[n + 1, 1], poses[n + 1, 0] - poses[n, 0]
-            # by the errors of the pose and of the velocities at the knots before and after
-            step = np.hstack([move, (2.0 - share) * slopes[n], share * slopes[n]])
-            with_before = np.vstack([behind, own[:, :3], both[:, :3].T])
-            with_after = np.vstack([ahead, both, later])
+        # the knots before the steps to the ends, then before those from knot to knot
+        before = np.minimum(np.searchsorted(self.times, ends[known]) - 1, last - 1).clip(min=i)
+        through = np.arange(i, before.max())
+        before = np.append(before, through)
+        begins = np.where(before == i, start, self.times[before])
+        stops = np.append(ends[known], self.times[through + 1])
+        moves, slopes, _ = rigid.exponential_derivatives(self.motions(begins, stops))
+        at = chain(moves[len(known) :], np.zeros(3))[before - i]
+        poses = rigid.compose(at, moves)
+        slopes[:, :2] = rigid.rotation(at[:, 2]) @ slopes[:, :2]
+        slopes *= 0.5 * (stops - begins)[:, None, None]
+        share = ((begins + stops - 2.0 * self.times[before]) / passed[before])[:, None, None]
+        turned = np.tile(np.eye(3), (len(at), 1, 1))
+        turned[:, 0, 2], turned[:, 1, 2] = at[:, 1] - poses[:, 1], poses[:, 0] - at[:, 0]
+        # by the errors of the pose and of the velocities at the knots before and after
+        steps = np.concatenate([turned, (2.0 - share) * slopes, share * slopes], axis=2)
+        total, ahead = np.zeros((3, 3)), np.zeros(self.errors.shape[2:])[:3]
+        covariances, order = np.empty_like(turned), np.argsort(before, kind="stable")
+        for n, own in enumerate(np.split(order, np.cumsum(np.bincount(before - i))[:-1]), start=i):
+            behind, ahead = ahead[:, :3], self._carried(ahead, n)
+            first, second = self.errors[n : n + 2, 1, :3]
+            both = self._carried(first, n)
+            with_before = np.vstack([behind, first[:, :3], both[:, :3].T])
+            with_after = np.vstack([ahead, both, second])
             with_pose = np.vstack([total, behind.T, ahead[:, :3].T])
             joint = np.hstack([with_pose, with_before, with_after[:, :3]])
-            total, behind, ahead = step @ joint @ step.T, step @ with_before, step @ with_after
-            found.motion[ends == time] = poses[n + 1]
-            found.covariance[ends == time] = 0.5 * (total + total.T)
+            covariances[own] = steps[own] @ joint @ steps[own].swapaxes(1, 2)
+            total, ahead = covariances[own[-1]], steps[own[-1]] @ with_after  # at the next knot
+        found.motion[known] = poses[: len(known)]
+        found.covariance[known] = 0.5 * (covariances + covariances.swapaxes(1, 2))[: len(known)]
         return found
 
     def _carried(self, covariance: Array, i: int) -> Array:

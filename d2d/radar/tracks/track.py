@@ -163,7 +163,8 @@ class Track(Frozen):
         for rows in self._segments():
             part = self[rows]
             begun = part.times[0] - part.intervals[0]
-            twists[rows] = part._knots().motions(np.append(begun, part.times))
+            starts = np.append(begun, part.times[:-1])
+            twists[rows] = part._knots().motions(starts, part.times)
         return chain(rigid.exponential(twists), first)
 
     def at(self, times: ArrayLike) -> Velocities:

@@ -74,7 +74,7 @@ def stamps(kind):
 )
 def test_exact_velocities_make_the_true_path(kind, metres, degrees):
     """Breaks if the velocity at the end of an interval counts for all of it: then the car is 2.4 m
-    and 5 degrees off at 4 Hz; or if the vehicle stands still or drives evenly before the first."""
+    and 5 degrees off at 4 Hz; if it stands or drives evenly at first; or if other ends matter."""
     times = stamps(kind)
     begin, true = true_poses(times[:1])[0], true_poses(times)
     own = driven(times)
@@ -82,7 +82,10 @@ def test_exact_velocities_make_the_true_path(kind, metres, degrees):
     assert np.hypot(*errors[:, :2].T).max() < metres
     assert np.abs(errors[:, 2]).max() < np.deg2rad(degrees)
     starts, ends = times[[0, 0, 3, 9]], times[[1, -1, 20, 35]]
-    found = own.displacement(starts, ends).motion
+    found, sure = own.displacement(starts, ends)
+    crowd = own.displacement(np.full(99, starts[2]), np.linspace(starts[2] + 0.01, ends[2], 99))
+    assert_array_equal(crowd.motion[-1], found[2])
+    assert_allclose(crowd.covariance[-1], sure[2], rtol=1e-12)
     expected = rigid.compose(rigid.inverse(true_poses(starts)), true_poses(ends))
     assert np.hypot(*(found - expected)[:, :2].T).max() < metres
     assert_allclose(found[1], rigid.compose(rigid.inverse(begin), own.poses(begin)[-1]), atol=1e-9)
@@ -145,10 +148,8 @@ def test_a_steady_turn_is_exact_from_any_start():
 def test_displacements_are_as_sure_as_they_say(rate, smooth):
     """Breaks if noise adds up like slow errors, or slow ones average out like noise."""
     times = FINE * np.round(np.arange(0.0, 36.0, 1.0 / rate) / FINE)
-    fine, found = (
-        np.arange(0.0, 36.0, 4.0 * FINE),
-        {span: [] for span in (0.4, 1.0, 5.0, 10.0, 30.0)},
-    )
+    fine = np.arange(0.0, 36.0, 4.0 * FINE)
+    found = {span: [] for span in (0.4, 1.0, 5.0, 10.0, 30.0)}
     for seed in range(6):
         theta, accelerations = VEHICLES["car"](times, seed)
         inputs = drawn(np.random.default_rng(seed), times, theta, accelerations)
