@@ -6,12 +6,7 @@ from scipy.optimize import approx_fprime, least_squares
 
 from benchmarks.methods import Effort, initial_motion, one_per_call
 from benchmarks.numpy_cost import NumpyCost
-from benchmarks.scenes import (
-    accuracy,
-    draw,
-    known_correspondences,
-    scene,
-)
+from benchmarks.scenes import accuracy, draw, known_correspondences, scene
 from d2d import CorruptedGaussian, RegistrationCost, register, rigid
 from d2d.study.plane.scenarios import OVERLAPPED
 

@@ -15,13 +15,7 @@ import scipy
 from numpy.typing import ArrayLike, NDArray
 from selenium import webdriver
 
-from d2d import (
-    ANNEALED,
-    CorruptedGaussian,
-    PointSet,
-    RegistrationCost,
-    register,
-)
+from d2d import ANNEALED, CorruptedGaussian, PointSet, RegistrationCost, register
 from d2d.cost import OutlierModel
 from d2d.radar import EgoMotionModel, estimate_ego_motion, simulate_drive
 from d2d.radar.motion.pairs import ScanPair, problem_of

@@ -18,15 +18,7 @@ from selenium import webdriver
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
 
-from d2d.radar import (
-    ErrorBudget,
-    Mounting,
-    RadarScan,
-    Track,
-    load_csv,
-    simulate_drive,
-    track,
-)
+from d2d.radar import ErrorBudget, Mounting, RadarScan, Track, load_csv, simulate_drive, track
 from d2d.radar.cli import main
 from d2d.radar.readers.table import USUAL
 from tests.book import browser, test_labs

@@ -24,12 +24,7 @@ from d2d.radar import (
     load_nuscenes,
     load_radarscenes,
 )
-from d2d.radar.evaluation.calibration_model import (
-    CalibrationModel,
-    ScanVelocities,
-    covariance,
-    fit,
-)
+from d2d.radar.evaluation.calibration_model import CalibrationModel, ScanVelocities, covariance, fit
 
 MOUNTINGS = (Mounting(3.8, 0.7, 0.5), Mounting(3.6, -0.9, -1.5))
 YAW = np.deg2rad([0.8, -0.5])
