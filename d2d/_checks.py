@@ -2,7 +2,7 @@
 
 import math
 import os
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import field, fields
 from functools import lru_cache
 from pathlib import Path
@@ -142,9 +142,9 @@ def check_path(name: str, value: str | os.PathLike[str]) -> Path:
     return Path(os.path.expanduser(value))
 
 
-def check_instance(name: str, value: object, kind: type) -> None:
-    """Raise a ValueError unless ``value`` is an instance of ``kind``."""
-    if not isinstance(value, kind):
+def check_instance(name: str, value: object, kind: type, *, optional: bool = False) -> None:
+    """Raise a ValueError unless ``value`` is an instance of ``kind`` or, if ``optional``, None."""
+    if not isinstance(value, kind) and not (optional and value is None):
         article = "an" if kind.__name__[0] in "AEIOU" else "a"
         raise ValueError(
             f"{name} must be {article} {kind.__name__}, but is a {type(value).__name__}"
@@ -159,6 +159,14 @@ def check_members(name: str, value: Iterable[T], kind: type) -> list[T]:
     for number, member in enumerate(listed):
         check_instance(f"{name}[{number}]", member, kind)
     return listed
+
+
+def check_mapping(name: str, value: Mapping[Any, T], kind: type) -> dict[Any, T]:
+    """A mapping as a dict, each value checked to be an instance of ``kind``."""
+    check_instance(name, value, Mapping)
+    for key, member in value.items():
+        check_instance(f"{name}[{key!r}]", member, kind)
+    return dict(value)
 
 
 def check_rows(name: str, value: Iterable[T], *kinds: type) -> list[T]:

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from d2d._checks import check_instance
+from d2d._checks import check_instance, check_mapping
 from d2d.radar.evaluation.compare import compare_tracks
 from d2d.radar.evaluation.faults import likelier_without
 from d2d.radar.evaluation.sensor_motion import (
@@ -80,6 +80,7 @@ def diagnose(
     ['a mounting is turned']
     """
     check_instance("driven", driven, Track)
+    each_alone = check_mapping("alone", {} if alone is None else alone, Track)
     parts = named_sensors(sensors, sys.float_info.max).values()
     given: Any = sensors
     names = map(str, given if isinstance(given, Mapping) else range(1, len(parts) + 1))
@@ -89,7 +90,7 @@ def diagnose(
     # scans whose order is not known have no intervals, and wrong targets explain the rest
     if len(driven.segments) == 1 and not any(each.sure for each in found):
         found += _of_motion(log, driven)
-    return (*found, *_of_track(driven, alone or {}))
+    return (*found, *_of_track(driven, each_alone))
 
 
 # ---- Targets and times, without any estimate

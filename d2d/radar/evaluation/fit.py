@@ -8,7 +8,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from d2d._checks import check_finite
+from d2d._checks import check_finite, check_mapping
 from d2d._types import Array
 from d2d.bootstrap import covariance_of_sum
 from d2d.radar.scans.budget import ErrorBudget
@@ -116,9 +116,8 @@ def fit_budget(
 
 def _checked_effects(effects: Mapping[str, ArrayLike], count: int) -> tuple[tuple[str, ...], Array]:
     """The names of p effects, and the effects (p, n, 3, 3)."""
-    given: object = effects
-    if not isinstance(given, Mapping) or not given:
-        raise ValueError("effects must be a mapping with at least one number of the budget")
+    if not check_mapping("effects", effects, object):
+        raise ValueError("effects must hold at least one number of the budget")
     arrays = []
     for name, effect in effects.items():
         if name not in _FITTED:

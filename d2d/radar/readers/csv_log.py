@@ -11,7 +11,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from d2d._checks import NOT_NEGATIVE, check_choice, check_path, check_positive_scalar
+from d2d._checks import (
+    NOT_NEGATIVE,
+    check_choice,
+    check_instance,
+    check_members,
+    check_path,
+    check_positive_scalar,
+)
 from d2d._types import Array
 from d2d.radar.files import atomic_write, brief
 from d2d.radar.readers.reader import Reader, Source, mountings_of, options_of
@@ -154,10 +161,13 @@ def write_csv(path: str | os.PathLike[str], sensors: Mapping[str, Iterable[Radar
     leaves no line.  An existing file is replaced once all is written.  Raises a ``ValueError`` if a
     name is empty or begins or ends with a space, or two scans of a sensor have the same time.
     """
-    for name in sensors:
+    check_instance("sensors", sensors, Mapping)
+    scans = []
+    for name in check_members("sensors", sensors, str):
         if not name or name != name.strip() or not name.isprintable():
             raise ValueError(f"sensors must be keyed by names, but hold {name!r}")
-    scans = [(scan.time, name, scan) for name, own in sensors.items() for scan in own]
+        own = check_members(f"sensors[{name!r}]", sensors[name], RadarScan)
+        scans += [(scan.time, name, scan) for scan in own]
     scans.sort(key=lambda entry: entry[:2])
     for (time, name, _), later in itertools.pairwise(scans):
         if (time, name) == later[:2]:

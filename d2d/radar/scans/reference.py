@@ -6,15 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from d2d import rigid
-from d2d._checks import (
-    SECONDS,
-    Bounded,
-    check_finite,
-    check_positive_scalar,
-    check_real,
-    check_shape,
-    number,
-)
+from d2d._checks import POSITIVE, SECONDS, Bounded, check_finite, check_real, check_shape, number
 from d2d._types import Array
 from d2d.radar.scans.budget import ErrorBudget
 from d2d.radar.scans.scan import Mounting, RadarScan
@@ -83,7 +75,7 @@ class Reference:
         Raises a ``ValueError`` if the reference's own times are out of order.
         """
         wanted = check_finite("times", times, "(n,)")
-        check_positive_scalar("max_gap", max_gap)
+        POSITIVE.number("max_gap", max_gap)
         if not len(self.times) or (np.diff(self.times) < 0.0).any():
             raise ValueError("the reference must have times, in order, to be interpolated")
         after = np.clip(np.searchsorted(self.times, wanted), 0, len(self.times) - 1)

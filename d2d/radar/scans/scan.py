@@ -24,7 +24,6 @@ from d2d._checks import (
     check_finite,
     check_instance,
     check_members,
-    check_positive_scalar,
     check_shape,
     number,
 )
@@ -291,7 +290,7 @@ class RadarScan(Frozen):
         v tau, as in the thesis.  The velocity at the scan is ``ahead`` (3,) of the interval's mean.
         """
         check_instance("mounting", mounting, Mounting)
-        check_positive_scalar("interval", interval)
+        POSITIVE.number("interval", interval)
         scan, mounting = level(self, mounting)
         gain, slope = _gradients(*_direction(scan, mounting), mounting)
         value = scan.doppler if ahead is None else scan.doppler - gain @ ahead
@@ -436,7 +435,7 @@ def unfolded(
 
     The velocities ``theta`` (n, 3) of the vehicle need not be exact: to within ``limit`` is enough.
     """
-    check_positive_scalar("limit", limit)
+    POSITIVE.number("limit", limit)
     over_ground = over_ground_undone(scans, -check_finite("theta", theta), mounting)
     return [
         replace(scan, doppler=scan.doppler - 2.0 * limit * np.round(0.5 * own.doppler / limit))

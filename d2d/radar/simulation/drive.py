@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 from d2d import rigid
 from d2d._checks import (
     ANGLE,
+    FINITE,
     NOT_NEGATIVE,
     POSITIVE,
     Bounded,
     Bounds,
     check_count,
     check_instance,
-    check_positive_scalar,
     number,
 )
 from d2d._types import Array
@@ -142,8 +142,12 @@ def simulate_drive(
     detected nor the targets' own noise.
     """
     check_instance("rng", rng, np.random.Generator)
-    duration = check_positive_scalar("duration", duration)
-    motion = partial(lap_motion, start=start, speed=check_positive_scalar("speed", speed))
+    duration, speed = POSITIVE.number("duration", duration), POSITIVE.number("speed", speed)
+    check_instance("mounting", mounting, Mounting)
+    check_instance("sensor", sensor, Sensor, optional=True)
+    check_instance("world", world, World, optional=True)
+    check_instance("errors", errors, SensorErrors, optional=True)
+    motion = partial(lap_motion, start=FINITE.number("start", start), speed=speed)
     sensor, world = sensor or Sensor(), world or build_world(rng)
     times = np.arange(int(np.floor(duration * sensor.rate + 1e-9)) + 1) / sensor.rate
     return drive_along(rng, motion, times, mounting, sensor, world, errors or SensorErrors())

@@ -162,9 +162,8 @@ class Track(Frozen):
         twists = np.zeros((len(self), 3))
         for rows in self._segments():
             part = self[rows]
-            begun = part.times[0] - part.intervals[0]
-            starts = np.append(begun, part.times[:-1])
-            twists[rows] = part._knots().motions(starts, part.times)
+            nodes = np.append(part.times[0] - part.intervals[0], part.times)
+            twists[rows] = part._knots().motions(nodes[:-1], nodes[1:])
         return chain(rigid.exponential(twists), first)
 
     def at(self, times: ArrayLike) -> Velocities:

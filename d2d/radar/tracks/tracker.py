@@ -9,7 +9,7 @@ from typing import Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
-from d2d._checks import check_count, check_finite, check_flag, check_instance
+from d2d._checks import check_count, check_finite, check_flag, check_instance, check_mapping
 from d2d.radar.motion.model import EstimationOptions, split_options
 from d2d.radar.scans.budget import ErrorBudget
 from d2d.radar.scans.scan import Mounting, RadarScan, level
@@ -176,14 +176,8 @@ class Tracker:
         keep: int | None = None,
         **options: Unpack[TrackOptions],
     ) -> None:
-        given: object = mountings
-        if not isinstance(given, Mapping) or not given:
-            raise ValueError(
-                "mountings must be a mapping of the sensors' names to their mountings, but is "
-                f"{mountings!r}"
-            )
-        for name, mounting in mountings.items():
-            check_instance(f"mountings[{name!r}]", mounting, Mounting)
+        if not check_mapping("mountings", mountings, Mounting):
+            raise ValueError("mountings must hold at least one sensor, but is empty")
         if keep is not None:
             check_count("keep", keep)
         self._mountings = [*mountings.values()]
@@ -258,13 +252,11 @@ def _estimator(sensors: int, options: TrackOptions) -> OdometryEstimator:
     carry, initial = check_flag("carry", left.pop("carry", True)), left.pop("initial", None)
     budget, gyro = left.pop("budget", None), left.pop("gyro", None)
     limits = left.pop("limits", DEFAULT_LIMITS)
-    if limits is not None:
-        check_instance("limits", limits, VehicleLimits)
+    check_instance("limits", limits, VehicleLimits, optional=True)
     for name, value, kind in (("budget", budget, ErrorBudget), ("gyro", gyro, Gyro)):
-        if value is not None:
-            check_instance(name, value, kind)
-            if not carry:
-                raise ValueError(f"{name} must be None without carry: bare pairs are not filtered")
+        check_instance(name, value, kind, optional=True)
+        if value is not None and not carry:
+            raise ValueError(f"{name} must be None without carry: bare pairs are not filtered")
     model, scales = split_options(left)
     if limits is not None and not model.doppler:
         # all components are determined poorly, and a side slip says nothing about omega

@@ -147,6 +147,9 @@ def test_sensors_that_contradict_each_other_are_told():
     alone = {name: track(sensor) for name, sensor in sensors.items()}
     driven = track(sensors)
     assert diagnose(sensors, driven, alone) == ()
+    for wrong in (7, [], {"r1": 7}):
+        with pytest.raises(ValueError, match=r"^alone"):
+            diagnose(sensors, driven, wrong)
     alone["r2"] = replace(alone["r2"], theta=alone["r2"].theta + np.array([1.0, 0.0, 0.0]))
     (found,) = diagnose(sensors, driven, alone)
     assert (found.symptom, found.sensor) == ("sensors contradict each other", "r1 and r2")

@@ -190,8 +190,8 @@ def test_arguments_are_refused_by_name():
             fit_budget(*given)
     whole = np.tile(np.eye(3), (10, 1, 1))
     for effects, name in (
-        ([whole], "effects must be a mapping"),
-        ({}, "effects must be a mapping with at least one"),
+        ([whole], "effects must be a Mapping"),
+        ({}, "effects must hold at least one"),
         ({"neighbours": whole}, "effects must be of v_x, .*, not 'neighbours'"),
         ({"lag": whole[:4]}, r"effects\['lag'\] must have the shape \(10, 3, 3\)"),
         ({"lag": 0.0 * whole}, r"effects\['lag'\] is zero"),

@@ -255,6 +255,8 @@ def test_only_scans_under_names_are_written(tmp_path):
     scan = RadarScan(0.0, [5.0], [0.0], [0.0], 0.1, 0.01, 0.1)
     names = ({bad: [scan]} for bad in ("", " front", "a\nb"))
     for sensors, said in (
+        *((7, "sensors must be a Mapping"), ({7: [scan]}, "must be a str")),
+        *(({"a": wrong}, "sensors['a']") for wrong in (7, [7], {"b": [scan]})),
         *((given, f"by names, but hold {next(iter(given))!r}") for given in names),
         ({"a": [scan, scan]}, "sensors['a'] must hold one scan of each time"),
     ):

@@ -11,7 +11,7 @@ from scipy.stats import kstest
 
 from d2d.radar import Drive, Mounting, doppler_velocity, simulate_drive
 from d2d.radar.simulation.drive import CAR_SPEED, MAX_STEPS, Sensor
-from d2d.radar.simulation.world import KINDS, open_field
+from d2d.radar.simulation.world import KINDS, build_world, open_field
 from tests.strategies import central_difference
 
 MOUNTING = Mounting(1.2, -0.4, 0.3)
@@ -272,11 +272,15 @@ def test_clutter_comes_as_often_as_asked_for_and_from_everywhere():
 
 def test_bad_input_is_refused_by_name():
     """Breaks if a bad number ends in an endless drive, or a seed draws from global state."""
-    for name, bad in (("duration", 0.0), ("duration", np.inf), ("speed", -1.0), ("speed", "fast")):
+    for name, bad in (
+        *(("duration", 0.0), ("duration", np.inf), ("speed", -1.0), ("speed", "fast")),
+        *(("start", "late"), ("mounting", 3), ("sensor", {}), ("world", 3), ("errors", 3)),
+    ):
         with pytest.raises(ValueError, match=f"^{name} must be"):
             simulate_drive(np.random.default_rng(0), **{name: bad})
-    with pytest.raises(ValueError, match=r"^rng must be"):
-        simulate_drive(7)
+    for function in (simulate_drive, build_world):
+        with pytest.raises(ValueError, match=r"^rng must be"):
+            function(7)
     for name, bad in (
         *(("rate", 0.0), ("max_targets", 4.5), ("field_of_view", 40.0), ("max_range", 0.5)),
         *(("half_range", np.nan), ("sigma_azimuth", -1.0), ("clutter", -0.1)),

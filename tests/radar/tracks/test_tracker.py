@@ -211,7 +211,7 @@ def test_a_tracker_refuses_what_is_no_scan_of_its_sensors():
     with pytest.raises(ValueError, match=r"^'also' and 'front' must be different"):
         tracker.add("also", replace(scans[0]))  # one sensor under two names
     for mountings, options, said in (
-        ([at], {}, "mountings must be a mapping"),
+        ([at], {}, "mountings must be a Mapping"),
         ({"front": (1.0, 2.0)}, {}, r"mountings\['front'\] must be a Mounting"),
         ({"front": at}, {"keep": 0}, "keep must be"),
         ({"front": at}, {"horizon": -1.0}, "horizon"),
