@@ -15,19 +15,28 @@ from d2d._kernel.layout import SINGULAR
 from d2d._types import Array
 
 T = TypeVar("T")
+_PLAIN = float, int, str, np.generic  # entries of a sequence, none of which is an array
 
 
 def check_real(name: str, value: ArrayLike) -> Array:
     """A float64 copy of ``value``; nan and inf are allowed."""
+    if type(value) is not np.ndarray and is_masked(value):
+        raise ValueError(f"{name} must not hold masked entries; remove them first")
     try:
         raw = np.asarray(value)
     except (TypeError, ValueError) as error:
         raise ValueError(f"{name} must be an array of real numbers: {error}") from None
     if raw.dtype.kind not in "biuf":
         raise ValueError(f"{name} must be an array of real numbers, but is of type {raw.dtype}")
-    if type(value) is not np.ndarray and np.ma.is_masked(value):
-        raise ValueError(f"{name} must not hold masked entries; remove them first")
     return raw.astype(np.float64)
+
+
+def is_masked(value: object) -> bool:
+    """Whether an array, or one in a sequence, has masked entries, which NumPy would fill in."""
+    if isinstance(value, list | tuple):
+        plain = all(issubclass(kind, _PLAIN) for kind in {*map(type, value)})
+        return not plain and any(map(is_masked, value))
+    return bool(np.ma.is_masked(value))
 
 
 class Bounds(NamedTuple):

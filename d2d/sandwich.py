@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from d2d import rigid
-from d2d._checks import check_instance, check_shape
+from d2d._checks import check_instance, check_shape, is_masked
 from d2d._kernel import layout, rows
 from d2d._types import Array
 from d2d.cost import RegistrationCost
@@ -110,7 +110,7 @@ def _labels(moving: PointSet, bound: Bound, groups: ArrayLike | None) -> NDArray
     labels = np.arange(moving.size) if groups is None else np.asarray(groups)
     check_shape("groups", labels, f"(..., {moving.size})", like="moving")
     kinds = {type(label) for label in labels.ravel().tolist()} if labels.dtype == object else set()
-    if np.ma.is_masked(groups) or labels.dtype.kind not in "biufUSO" or not kinds <= {str}:
+    if is_masked(groups) or labels.dtype.kind not in "biufUSO" or not kinds <= {str}:
         raise ValueError("groups must be numbers or strings, without masked or missing ones")
     if (labels != labels).any():
         raise ValueError("groups must not hold nan; give each such target a label of its own")

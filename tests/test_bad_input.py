@@ -79,7 +79,7 @@ MISTAKES: dict[str, tuple[Callable[..., Any], dict[str, Any], dict[str, Any]]] =
         {"means": MEANS, "covariances": EYES, "weights": None},
         {
             "means": [
-                *(MEANS * NAN, [[1.0, 2.0], [3.0]], None, HOLEY),
+                *(MEANS * NAN, [[1.0, 2.0], [3.0]], None, HOLEY, [*HOLEY]),
                 *(MEANS[0], MEANS[:0], np.zeros((3, 3)), np.zeros((0, 3, 2)), MEANS * 1e300),
             ],
             "covariances": [
@@ -197,7 +197,7 @@ MISTAKES: dict[str, tuple[Callable[..., Any], dict[str, Any], dict[str, Any]]] =
             **OF_AN_ESTIMATE,
             "groups": [
                 *(np.arange(2), np.zeros((2, 4)), [1, 2, NAN], [None] * 3, [1, None, "a"]),
-                np.ma.masked_greater([1, 2, 3], 2),
+                *(np.ma.masked_greater([1, 2, 3], 2), [np.ma.masked_greater([1, 2, 3], 2)]),
             ],
         },
     ),

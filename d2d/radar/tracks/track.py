@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from d2d import rigid
-from d2d._checks import check_finite, check_path, check_real, check_shape
+from d2d._checks import check_finite, check_path, check_real, check_shape, is_masked
 from d2d._frozen import Frozen
 from d2d._types import Array
 from d2d.radar.files import atomic_write, reading
@@ -376,7 +376,7 @@ class Track(Frozen):
 def _rows(name: str, value: Any, count: int) -> NDArray[Any]:
     """A copy of a field as an array of its type, with as many rows as the track has."""
     kind = _TYPES.get(name)
-    array = check_real(name, value) if kind is None else np.array(value)
+    array = check_real(name, value) if kind is None or is_masked(value) else np.array(value)
     if kind is not None and array.dtype.kind != np.dtype(kind).kind:
         raise ValueError(f"{name} must be an array of {kind.__name__}, but is of {array.dtype}")
     shape = (count, *_ROW_SHAPES.get(name, ()))

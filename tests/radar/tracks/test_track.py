@@ -53,6 +53,7 @@ def test_what_is_no_track_is_refused():
         ({"theta": np.zeros((3, 3))}, r"theta must have the shape \(40, 3\)"),
         ({"reasons": np.array(["a"])}, r"reasons must have the shape \(40,\)"),
         ({"converged": driven.converged.astype(int)}, "converged must be an array of bool"),
+        ({"converged": np.ma.array(driven.converged, mask=True)}, "converged must not hold masked"),
         *(
             ({"errors": np.zeros((N, *rest))}, r"errors must have the shape \(40, 2, 6")
             for rest in ((6, 6), (2,), (2, 3, 3), (2, 6, 5), (2, 8, 8))
