@@ -26,9 +26,10 @@ class ScanGate:
 
     A scan is out of step if it is more than a second before the last one of its sensor, or a second
     and five cycles after all of them.  It is held back until the next scans tell.  If any of them
-    is in step, the stamp was wrong, and the scan is left out.  If its sensor goes on from there
-    while no other one is in step, its clock has been set, or all of them paused: then a new segment
-    begins with all scans that were held back.  A warning names the sensor, once for each reason.
+    is in step, or its sensor comes back to the last one, the stamp was wrong, and the scan is left
+    out.  If its sensor goes on from there while no other one is in step, its clock has been set, or
+    all of them paused: then a new segment begins with all scans that were held back.  A warning
+    names the sensor, once for each reason.
     """
 
     def __init__(self, names: Sequence[str], rounds: Rounds) -> None:
@@ -64,7 +65,7 @@ class ScanGate:
         if in_step:
             self._leave_out(*self._held)
             return self._use([(sensor, scan)])
-        if back:
+        if back or (before is not None and abs(scan.time - last) < scan.time - before.time):
             self._leave_out(sensor)
         self._held.setdefault(sensor, []).append(scan)
         others = max((cycle for s, cycle in known.items() if s != sensor), default=0.0)

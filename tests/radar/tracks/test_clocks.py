@@ -22,6 +22,9 @@ def shifted(scans, first: int, seconds: float, last: int | None = None):
     return [*scans[:first], *late, *(scans[last:] if last else [])]
 
 
+PARTS = slice(-2), slice(-2, -1), slice(-1, None)  # of a scan with a line of another time
+
+
 def live(sensors, arrival=None) -> tuple[Track, list[str]]:
     """The track of scans as they arrive, and what is said meanwhile.
 
@@ -118,13 +121,18 @@ def test_after_a_gap_nothing_is_paired_with_what_was_before(given, gap):
 
 
 @either
+@pytest.mark.parametrize("torn", [False, True])
 @pytest.mark.parametrize("seconds", [100.0, 3.0, -100.0, -3.0])
-def test_one_wrong_stamp_is_left_out_with_a_word(given, seconds):
-    """Breaks if the times of other scans change for it, or the others of a vehicle wait for it."""
+def test_one_wrong_stamp_is_left_out_with_a_word(given, torn, seconds):
+    """Breaks if the times of other scans change for it, the others of a vehicle wait for it, or it
+    begins a segment if it is that of a line in the middle of a scan."""
     measured = given()
     scans, at = measured["left"]
+    if torn:
+        scans = [*scans[:11], *(scans[11][part] for part in PARTS), *scans[12:]]
+        measured |= {"left": (scans, at)}
     sensors = measured | {"left": (shifted(scans, 12, seconds, 13), at)}
-    without = measured | {"left": ([*scans[:12], *scans[13:]], at)}
+    without = measured | {"left": ([*scans[:12], *scans[14 if torn else 13 :]], at)}
     with pytest.warns(ScanWarning, match="has a scan at .*out of step.* is its time") as said:
         found = track(sensors, **OPTIONS)
     assert len(said) == 1
