@@ -36,10 +36,7 @@ QUICK = {size: Effort(3, 3, 2, 1, 5) for size in EFFORT}
 DETAILED = (8, 48, 200)  # sizes at which batches, SciPy and starts at zero are measured as well
 ROUNDS = 9
 PATIENCE = 0.2  # s a call
-PACKAGES = (
-    *("numpy", "scipy", "numba"),
-    *("open3d", "small-gicp", "kiss-icp", "probreg", "pycpd"),
-)
+PACKAGES = ("numpy", "scipy", "numba", "open3d", "small-gicp", "kiss-icp", "probreg", "pycpd")
 
 
 def in_one_thread() -> None:
@@ -138,11 +135,7 @@ def measure(quick: bool) -> report.Measured:
         rows += rows_of("wide", size, "off", (QUICK if quick else EFFORT)[size], chosen)
     say("done")
     return report.Measured(
-        processes.machine(),
-        processes.versions(PACKAGES),
-        missing,
-        rows,
-        libraries,
+        processes.machine(), processes.versions(PACKAGES), missing, rows, libraries
     )
 
 

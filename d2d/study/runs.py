@@ -50,10 +50,7 @@ class MonteCarlo:
     def of(cls, estimates: Estimate, theta: Array) -> "MonteCarlo":
         """Estimates (runs,) of the motion ``theta`` (P,)."""
         return cls(
-            estimates.theta - theta,
-            estimates.covariance,
-            estimates.converged,
-            estimates.iterations,
+            estimates.theta - theta, estimates.covariance, estimates.converged, estimates.iterations
         )
 
     @property

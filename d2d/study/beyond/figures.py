@@ -12,15 +12,7 @@ from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 
 from d2d.study.beyond.exhaustive import select
-from d2d.study.book.grammar import (
-    BLACK,
-    COSTS,
-    COVARIANCES,
-    GREY,
-    SHARE_MAP,
-    SKY,
-    TRUTH,
-)
+from d2d.study.book.grammar import BLACK, COSTS, COVARIANCES, GREY, SHARE_MAP, SKY, TRUTH
 from d2d.study.book.style import write_out_ticks
 from d2d.study.estimation.covariance_trials import CREDIBLE_INCLINATION
 from d2d.study.plane.scenarios import OVERLAPPED, RANGES

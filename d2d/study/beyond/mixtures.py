@@ -46,10 +46,7 @@ class _Components(NamedTuple):
 
 
 def mixture_residuals(
-    fixed: PointSet,
-    moving: PointSet,
-    mixture: Mixture,
-    outlier: CorruptedGaussian | None = None,
+    fixed: PointSet, moving: PointSet, mixture: Mixture, outlier: CorruptedGaussian | None = None
 ) -> tuple[Residuals, Array]:
     """Residuals of the D2D likelihood of two planar sets, and a constant for each target (K,).
 

@@ -9,14 +9,7 @@ from matplotlib.axes import Axes
 from d2d._types import Array
 from d2d.cost import RegistrationCost
 from d2d.point_set import PointSet
-from d2d.study.book.grammar import (
-    BLACK,
-    OUTLIER,
-    TRUTH,
-    cost_key,
-    cost_line,
-    set_marks,
-)
+from d2d.study.book.grammar import BLACK, OUTLIER, TRUTH, cost_key, cost_line, set_marks
 from d2d.study.book.style import write_out_ticks
 from d2d.study.line import scene
 from d2d.study.line.surfaces import Peaks, log_surface, peaks, target_log_surfaces
@@ -58,12 +51,7 @@ def _rows(
 
 
 def surface(
-    ax: Axes,
-    translations: Array,
-    values: Array,
-    *,
-    ylabel: str = "density (1/m)",
-    **style: Any,
+    ax: Axes, translations: Array, values: Array, *, ylabel: str = "density (1/m)", **style: Any
 ) -> None:
     """Draw a cost surface over t_x."""
     ax.plot(translations, values, **({"color": BLACK} | style))

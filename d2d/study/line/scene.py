@@ -46,11 +46,7 @@ def line_scene(
 
 
 def with_outlier(
-    rng: np.random.Generator,
-    where: str,
-    *,
-    at: float | None = None,
-    draws: tuple[int, ...] = (),
+    rng: np.random.Generator, where: str, *, at: float | None = None, draws: tuple[int, ...] = ()
 ) -> tuple[PointSet, PointSet]:
     """The line scene with one extra target, the last one of the set ``where``, fixed or moving.
 

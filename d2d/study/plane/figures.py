@@ -28,13 +28,7 @@ from d2d.study.book.grammar import (
     set_marks,
 )
 from d2d.study.book.grammar import COSTS as LOOKS
-from d2d.study.book.style import (
-    PAGE,
-    headline,
-    label_planar_axes,
-    letter_panels,
-    write_out_ticks,
-)
+from d2d.study.book.style import PAGE, headline, label_planar_axes, letter_panels, write_out_ticks
 from d2d.study.plane.evaluation import COSTS, Start, distance_and_rotation, evaluated, rms
 from d2d.study.plane.optima import rotation_profile, translation_surface
 from d2d.study.plane.scenarios import Scenario
@@ -94,10 +88,7 @@ def cost_panels(
 
 
 def error_panels(
-    scenario: Scenario,
-    names: Sequence[str],
-    finding: str,
-    places: Iterable[Place],
+    scenario: Scenario, names: Sequence[str], finding: str, places: Iterable[Place]
 ) -> None:
     """Draw the share of the runs below each error, one row of panels a start, names at places."""
     starts: tuple[Start, ...] = ("truth", "zero")

@@ -104,10 +104,7 @@ def nearest(fixed: Array, moving: Array, theta: Array) -> Array:
 
 
 def arrival_shares(
-    scenario: Scenario,
-    cost: RegistrationCost,
-    *,
-    scales: tuple[float, ...] = (1.0,),
+    scenario: Scenario, cost: RegistrationCost, *, scales: tuple[float, ...] = (1.0,)
 ) -> Array:
     """Share (turns, distances) of starts from which the cost ends at the truth, over eight draws.
 

@@ -18,11 +18,7 @@ from d2d.study.plane.scenarios import Scenario
 
 
 def bfgs_errors(
-    scenario: Scenario,
-    cost: RegistrationCost,
-    initial: Start,
-    *,
-    density: bool = False,
+    scenario: Scenario, cost: RegistrationCost, initial: Start, *, density: bool = False
 ) -> Array:
     """Errors (100, 3) of SciPy's BFGS, on the logarithm, or with ``density`` on the density."""
     runs = 100

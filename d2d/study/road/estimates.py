@@ -112,9 +112,7 @@ class Result(NamedTuple):
 
 
 def compute(
-    root: str | os.PathLike[str],
-    sequence: int | str,
-    runs: dict[str, Run] = RUNS,
+    root: str | os.PathLike[str], sequence: int | str, runs: dict[str, Run] = RUNS
 ) -> tuple[dict[str, Result], dict[str, Any]]:
     """Compute all runs on one sequence, and the facts about the recording.
 
