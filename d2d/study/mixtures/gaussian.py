@@ -36,27 +36,6 @@ def density(x: ArrayLike, mean: ArrayLike, covariance: ArrayLike) -> Array:
     return np.exp(log_density(x, mean, covariance))
 
 
-class Ellipse(NamedTuple):
-    """Semi-axes (..., 2), the longer first, and that one's angle (...) in rad from the x axis."""
-
-    semi_axes: Array
-    angle: Array
-
-
-def confidence_ellipse(covariance: ArrayLike, confidence: float = 0.95) -> Ellipse:
-    """The smallest region around its mean that holds a planar Gaussian's draw with ``confidence``.
-
-    The squared Mahalanobis distance is chi-square distributed with two degrees of freedom: the
-    semi-axes are sqrt(quantile x eigenvalue), and one, two, three sigma hold 39 %, 86 %, 99 %.
-    """
-    variances, axes = np.linalg.eigh(np.asarray(covariance, dtype=np.float64))
-    scale = math.sqrt(-2.0 * math.log1p(-confidence))  # of chi-square, 2 degrees of freedom
-    angle = np.arctan2(axes[..., 1, 1], axes[..., 0, 1])  # of the longer axis
-    angle = np.where(angle > 0.5 * np.pi, angle - np.pi, angle)
-    angle = np.where(angle <= -0.5 * np.pi, angle + np.pi, angle)
-    return Ellipse(scale * np.sqrt(variances[..., ::-1]), angle)
-
-
 @dataclass(frozen=True, eq=False)
 class GaussianMixture(Frozen):
     r""":math:`p(x) = \sum_k w_k\, \mathcal N(x \mid \mu_k, \Sigma_k)` (Bishop 2006, eq. 9.7).

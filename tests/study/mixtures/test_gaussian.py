@@ -6,7 +6,6 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy import stats
 from sklearn.mixture import GaussianMixture as SklearnMixture
 
-from d2d import rigid
 from d2d.baselines.gaussian_fit import raise_eigenvalues
 from d2d.study.mixtures import gaussian
 from d2d.study.mixtures.claims import random_observations
@@ -32,18 +31,6 @@ def test_raised_eigenvalues_are_the_constrained_maximum():
         other = raised + 0.3 * rng.random() * spd(rng, 1, 2)[0]
         turned = raise_eigenvalues(other, floor)
         assert log_likelihood(turned) <= log_likelihood(raised) + 1e-12
-
-
-def test_confidence_ellipse_holds_its_share_of_draws():
-    centre = np.array([3.0, -1.0])
-    draws = np.random.default_rng(6).multivariate_normal(centre, SIGMA, 20000) - centre
-    for confidence in (0.3935, 0.95):
-        ellipse = gaussian.confidence_ellipse(SIGMA, confidence)
-        assert ellipse.semi_axes[0] >= ellipse.semi_axes[1]
-        turned = draws @ rigid.rotation(ellipse.angle)
-        inside = ((turned / ellipse.semi_axes) ** 2).sum(axis=-1) <= 1.0
-        scatter = np.sqrt(confidence * (1 - confidence) / 20000)
-        assert abs(inside.mean() - confidence) < 4.0 * scatter
 
 
 # ---- Mixtures ---------------------------------------------------------------------------------
