@@ -24,14 +24,8 @@ def read_json(path: Path) -> dict[str, Any]:
 
 def write_json(path: Path, results: dict[str, Any], digits: int | None = None) -> None:
     """Store results, one number a line, rounded to ``digits``, so that versions can be compared."""
-    stored = results if digits is None else _rounded(results, digits)
-    text = json.dumps(stored, indent=1, ensure_ascii=False, default=float)
+    text = json.dumps(results, indent=1, ensure_ascii=False, default=float)
+    if digits is not None:
+        rounded = json.loads(text, parse_float=lambda number: float(f"{float(number):.{digits}g}"))
+        text = json.dumps(rounded, indent=1, ensure_ascii=False)
     path.write_text(text + "\n", encoding="utf-8")
-
-
-def _rounded(value: Any, digits: int) -> Any:
-    if isinstance(value, dict):
-        return {key: _rounded(item, digits) for key, item in value.items()}
-    if isinstance(value, list):
-        return [_rounded(item, digits) for item in value]
-    return float(f"{value:.{digits}g}") if isinstance(value, float) else value
