@@ -20,33 +20,25 @@ def score_table(judged: Mapping[str, Mapping[str, Any]], caption: str = "") -> T
 
     The drives have a column if there are several.
     """
-    several = len(judged) > 1
     rows = [
-        (
-            *([where] if several else []),
-            *(name, found["anees"], found["inside"], *found["whitened"], found["log_score"]),
-        )
+        (where, name, found["anees"], found["inside"], *found["whitened"], found["log_score"])
         for where, models in judged.items()
         for name, found in models.items()
     ]
-    columns: list[Column] = [
-        *(["drive"] if several else []),
-        *("covariance", ("ANEES", "", ".2f"), ("inside", "", ".0%")),
-        *((name, "", ".2f") for name in (*NAMES, "log score")),
-    ]
-    return table(rows, columns, caption)
+    columns: list[Column] = ["drive", "covariance", ("ANEES", "", ".2f"), ("inside", "", ".0%")]
+    columns += [(name, "", ".2f") for name in (*NAMES, "log score")]
+    first = 0 if len(judged) > 1 else 1
+    return table([row[first:] for row in rows], columns[first:], caption)
 
 
 def error_table(judged: Mapping[str, Mapping[str, Any]], caption: str = "") -> Table:
     """RMSE and mean errors of the estimates with a budget, a row for each drive."""
     found = {where: models["noise and budget"] for where, models in judged.items()}
     rows = {w: (*each["rmse"], *each["mean"], each["estimates"]) for w, each in found.items()}
-    columns: list[Column] = [
-        "drive",
-        *((name, unit, ".3f") for name, unit in zip(NAMES, UNITS, strict=True)),
-        *((name, unit, "+.3f") for name, unit in zip(NAMES, UNITS, strict=True)),
-        "estimates",
+    numbers = [
+        (*column, spec) for spec in (".3f", "+.3f") for column in zip(NAMES, UNITS, strict=True)
     ]
+    columns: list[Column] = ["drive", *numbers, "estimates"]
     return table(rows, columns, caption, groups={"RMSE": 3, "mean error": 3, "": 1})
 
 

@@ -66,23 +66,12 @@ def beside_changed_reference(
 
 def parts_table(judged: Mapping[str, Mapping[str, Any]], caption: str = "") -> Table:
     """ANEES with its interval and the three parts, a row for each of what `parts` gives."""
-    return table(
-        {
-            name: (
-                found["anees"],
-                "{:.1f} to {:.1f}".format(*found["interval"]),
-                *found["whitened"],
-            )
-            for name, found in judged.items()
-        },
-        [
-            "experiment",
-            ("ANEES", "", ".1f"),
-            "95 % interval",
-            *((f"part of {name}", "", ".1f") for name in NAMES),
-        ],
-        caption,
-    )
+    rows = {
+        name: (found["anees"], "{:.1f} to {:.1f}".format(*found["interval"]), *found["whitened"])
+        for name, found in judged.items()
+    }
+    parts = ((f"part of {name}", "", ".1f") for name in NAMES)
+    return table(rows, ["experiment", ("ANEES", "", ".1f"), "95 % interval", *parts], caption)
 
 
 def draw_choices(
