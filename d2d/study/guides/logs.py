@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import groupby
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -191,6 +191,11 @@ def _scans(change: Callable[[RadarScan], RadarScan], *names: str) -> Put:
     return lambda rng, log: _changed(log, lambda scans, at: [change(s) for s in scans], *names)
 
 
+def _field(name: str, change: Callable[[Any], Any]) -> Put:
+    """A change of one field of every scan."""
+    return _scans(lambda scan: replace(scan, **{name: change(getattr(scan, name))}))
+
+
 def _places(change: Callable[[Mounting], Mounting], *names: str) -> Put:
     return lambda rng, log: {
         name: (scans, change(at) if not names or name in names else at)
@@ -245,7 +250,7 @@ def _intensities(rng: np.random.Generator, log: Log) -> Sensors:
 
 
 def _folded(limit: float) -> Put:
-    return _scans(lambda s: replace(s, doppler=(s.doppler + limit) % (2.0 * limit) - limit))
+    return _field("doppler", lambda v: (v + limit) % (2.0 * limit) - limit)
 
 
 def _distorted(scan: RadarScan) -> RadarScan:
@@ -262,39 +267,30 @@ SEVERAL = (2, 3, 4, 5)
 FAST = ("car", "train", "truck", "tunnel", "standing in traffic")
 FAULTS = {
     "nothing": Fault(lambda rng, log: log.sensors, (), (1, *SEVERAL)),
-    "times in ms": Fault(
-        _scans(lambda s: replace(s, time=1e3 * s.time)), ("times in another unit than s",)
-    ),
-    "clock restarts": Fault(_scans(lambda s: replace(s, time=s.time % 9.3)), ("the clock jumps",)),
-    "clock wraps": Fault(_scans(lambda s: replace(s, time=s.time % 4.29)), ("the clock jumps",)),
+    "times in ms": Fault(_field("time", lambda v: 1e3 * v), ("times in another unit than s",)),
+    "clock restarts": Fault(_field("time", lambda v: v % 9.3), ("the clock jumps",)),
+    "clock wraps": Fault(_field("time", lambda v: v % 4.29), ("the clock jumps",)),
     "two stamps 1 ms apart": Fault(_split, ("several time stamps in a scan",)),
     "times in whole seconds": Fault(
         _regrouped(lambda s: float(np.round(s.time))), ("times are rounded",)
     ),
-    "Doppler sign": Fault(
-        _scans(lambda s: replace(s, doppler=-s.doppler)), ("the path runs backwards",)
-    ),
-    "Doppler in km/h": Fault(
-        _scans(lambda s: replace(s, doppler=3.6 * s.doppler)), ("Doppler velocities in km/h",)
-    ),
+    "Doppler sign": Fault(_field("doppler", lambda v: -v), ("the path runs backwards",)),
+    "Doppler in km/h": Fault(_field("doppler", lambda v: 3.6 * v), ("Doppler velocities in km/h",)),
     "Doppler over ground": Fault(_over_ground, ("the vehicle hardly moves",)),
-    "Doppler zero": Fault(
-        _scans(lambda s: replace(s, doppler=0.0 * s.doppler)), ("the vehicle hardly moves",)
-    ),
+    "Doppler zero": Fault(_field("doppler", lambda v: 0.0 * v), ("the vehicle hardly moves",)),
     "Doppler is an intensity": Fault(_intensities, ("Doppler velocities show another motion",)),
     "folded at 1.9 m/s": Fault(_folded(1.93), ("Doppler velocities are folded",), vehicles=FAST),
     "folded at 5 m/s": Fault(_folded(5.0), ("Doppler velocities are folded",), vehicles=FAST),
     "radians as degrees": Fault(
-        _scans(lambda s: replace(s, azimuth=np.deg2rad(s.azimuth))),
-        ("azimuths in radians, read as degrees",),
+        _field("azimuth", np.deg2rad), ("azimuths in radians, read as degrees",)
     ),
     "azimuths clockwise": Fault(
-        _scans(lambda s: replace(s, azimuth=-s.azimuth)),
+        _field("azimuth", lambda v: -v),
         ("azimuths count clockwise", "sensors are swapped"),
         SEVERAL,
     ),
     "x and y swapped": Fault(
-        _scans(lambda s: replace(s, azimuth=0.5 * np.pi - s.azimuth)),
+        _field("azimuth", lambda v: 0.5 * np.pi - v),
         ("x and y are swapped", "a mounting is turned"),
     ),
     "mounting 4 deg off": Fault(_turned(4.0), ("a mounting is turned",)),
@@ -317,10 +313,7 @@ FAULTS = {
         _scans(_distorted), ("Doppler velocities are distorted at some azimuths",)
     ),
     "sigma in degrees": Fault(
-        _scans(lambda s: replace(s, sigma_azimuth=np.deg2rad(s.sigma_azimuth))),
-        ("standard deviation of the azimuth too small",),
+        _field("sigma_azimuth", np.deg2rad), ("standard deviation of the azimuth too small",)
     ),
-    "ranges in feet": Fault(
-        _scans(lambda s: replace(s, range=s.range / 0.3048)), ("ranges in feet",)
-    ),
+    "ranges in feet": Fault(_field("range", lambda v: v / 0.3048), ("ranges in feet",)),
 }
