@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -107,17 +108,10 @@ def room_scan(
 
 
 def room_pair(
-    rng: np.random.Generator,
-    *,
-    motion: ArrayLike = MOTION,
-    walls: Walls = ROOM,
-    field_of_view: float = 2.0 * np.pi,
-    outliers: float = 0.0,
+    rng: np.random.Generator, *, motion: ArrayLike = MOTION, **options: Any
 ) -> tuple[RoomScan, RoomScan]:
-    """Scans before and after a motion (3,) in m, m, rad, which maps the second onto the first."""
-    poses: tuple[ArrayLike, ArrayLike] = (np.zeros(3), motion)
-    before, after = (
-        room_scan(rng, pose, walls=walls, field_of_view=field_of_view, outliers=outliers)
-        for pose in poses
-    )
-    return before, after
+    """Scans before and after a motion (3,) in m, m, rad, which maps the second onto the first.
+
+    The ``options`` are those of `room_scan`.
+    """
+    return room_scan(rng, **options), room_scan(rng, motion, **options)
