@@ -1,1 +1,1 @@
-"""The thesis's scenes in the plane and their evaluation (chapters 10 and 11)."""
+"""The thesis's scenes in the plane and their evaluation (chapters 9 and 10)."""

@@ -29,7 +29,7 @@ from d2d.study.book.grammar import (
 )
 from d2d.study.book.grammar import COSTS as LOOKS
 from d2d.study.book.style import PAGE, headline, label_planar_axes, letter_panels, write_out_ticks
-from d2d.study.plane.evaluation import COSTS, Start, distance_and_rotation, evaluated, rms
+from d2d.study.plane.evaluation import COSTS, STARTS, distance_and_rotation, evaluated, rms
 from d2d.study.plane.optima import rotation_profile, translation_surface
 from d2d.study.plane.scenarios import Scenario
 
@@ -91,9 +91,8 @@ def error_panels(
     scenario: Scenario, names: Sequence[str], finding: str, places: Iterable[Place]
 ) -> None:
     """Draw the share of the runs below each error, one row of panels a start, names at places."""
-    starts: tuple[Start, ...] = ("truth", "zero")
-    figure, axes = plt.subplots(len(starts), 2, sharey=True, figsize=(5.5, 5.3))
-    for row, start in zip(axes, starts, strict=True):
+    figure, axes = plt.subplots(len(STARTS), 2, sharey=True, figsize=(5.5, 5.3))
+    for row, start in zip(axes, STARTS, strict=True):
         errors = {name: evaluated(scenario, COSTS[name], start).errors for name in names}
         error_shares(row, errors, (f"translation, from {start}", f"rotation, from {start}"))
     name_curves(axes.ravel(), places)

@@ -33,10 +33,8 @@ def bfgs_errors(
             fused = float(np.exp(-value))
             return -fused, fused * gradient
 
-        return (
-            np.asarray(scipy.optimize.minimize(objective, start, jac=True, method="BFGS").x)
-            - scenario.theta
-        )
+        found = scipy.optimize.minimize(objective, start, jac=True, method="BFGS")
+        return np.asarray(found.x - scenario.theta)
 
     return np.array([error(run) for run in range(runs)])
 
