@@ -1,6 +1,7 @@
 """Effect of an outlier on the cost surfaces of the scene on a line."""
 
 from functools import cache
+from itertools import product
 
 import numpy as np
 
@@ -55,17 +56,12 @@ def outlier_map() -> tuple[Array, Array, Array]:
 
     Shares (FRACTIONS, WIDTHS) of draws that are right, or have a rival, and median basin (m).
     """
-    table = np.empty((3, len(FRACTIONS), len(WIDTHS)))
-    for i, fraction in enumerate(FRACTIONS):
-        for j, width in enumerate(WIDTHS):
-            surveys = survey_corrupted(fraction, width, MAP_DRAWS)
-            table[:, i, j] = (
-                surveys.right(TRUTH, RIGHT).mean(),
-                np.mean(surveys.rival > COMPARABLE),
-                np.median(surveys.basin_width),
-            )
-    right, comparable, basin = table
-    return right, comparable, basin
+    shape = len(FRACTIONS), len(WIDTHS)
+    surveys = [survey_corrupted(*pair, MAP_DRAWS) for pair in product(FRACTIONS, WIDTHS)]
+    right = [each.right(TRUTH, RIGHT).mean() for each in surveys]
+    comparable = [np.mean(each.rival > COMPARABLE) for each in surveys]
+    basin = [np.median(each.basin_width) for each in surveys]
+    return np.reshape(right, shape), np.reshape(comparable, shape), np.reshape(basin, shape)
 
 
 def decades_lost(
