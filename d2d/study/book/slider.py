@@ -12,11 +12,11 @@ from PIL import Image
 from d2d.study.book.templates import render
 
 
-def picture(figure: Figure, alt: str, colours: int = 128) -> str:
+def picture(figure: Figure, alt: str) -> str:
     """Return a figure as an HTML image, reduced to a few colours, and close it."""
     drawn, stored = BytesIO(), BytesIO()
     figure.savefig(drawn, dpi=150)
-    Image.open(drawn).convert("RGB").quantize(colours).save(stored, "PNG", optimize=True)
+    Image.open(drawn).convert("RGB").quantize(128).save(stored, "PNG", optimize=True)
     plt.close(figure)
     data = base64.b64encode(stored.getvalue()).decode()
     return f'<img alt="{escape(alt)}" style="width:100%" src="data:image/png;base64,{data}">'

@@ -30,7 +30,6 @@ def stated_sigmas() -> dict[str, list[Row]]:
     The limits of the vehicle are the default ones.  The errors themselves do not change.
     """
     drive = front_drive()
-
     right = track(drive)
 
     def tracked(name: str, factor: float) -> Row:
