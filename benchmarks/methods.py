@@ -6,7 +6,6 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks import numpy_cost, peers
 from benchmarks.scenes import Draws
@@ -21,8 +20,7 @@ from d2d import (
     register,
     start_grid,
 )
-
-Array = NDArray[np.float64]
+from d2d._types import Array
 
 OUTLIER = CorruptedGaussian(0.2, 100.0 * np.eye(2))
 COSTS = {"likelihood": None, "robust": OUTLIER}

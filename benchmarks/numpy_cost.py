@@ -3,12 +3,10 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from d2d import CorruptedGaussian, PointSet
-
-Array = NDArray[np.float64]
+from d2d._types import Array
 
 
 def log_sum_exp(logs: Array) -> tuple[Array, Array]:

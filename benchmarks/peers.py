@@ -13,12 +13,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.scenes import Draws, accuracy, known_correspondences, motion, transform
 from d2d import PointSet, rigid
+from d2d._types import Array
 
-Array = NDArray[np.float64]
 Solver = tuple[Callable[[int], Any], Callable[[Any], Array]]
 
 RADII = (1.0, 2.0, 3.0, 5.0, 8.0, 12.0)  # m, for correspondences

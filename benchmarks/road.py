@@ -20,12 +20,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from benchmarks import peers
 from benchmarks.run import in_one_thread, without_chatter
 from benchmarks.scenes import Draws
 from d2d import PointSet, credibility, rigid
+from d2d._types import Array
 from d2d.baselines import ndt_p2d
 from d2d.radar import Mounting, RadarScan, Track, doppler_ego_motion
 from d2d.radar.tracks.rounds import Round
@@ -33,7 +33,6 @@ from d2d.study.road.displacements import caption, drift
 from d2d.study.road.drive import HORIZON, Drive, find_drives
 from d2d.study.road.markdown import markdown, write_page
 
-Array = NDArray[np.float64]
 Velocity = tuple[Array, Array]  # (3,) and its covariance (3, 3), nan where none is stated
 Register = Callable[[PointSet, PointSet, Array], Array]
 Method = Callable[[Round], Velocity]

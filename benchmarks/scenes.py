@@ -3,12 +3,10 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from d2d import PointSet, rigid
+from d2d._types import Array
 from d2d.study.plane.scenarios import OVERLAPPED, Scenario, cartesian
-
-Array = NDArray[np.float64]
 
 # An estimate ends at the truth if its errors in translation and in rotation are within this many
 # root mean square errors of the floor. One as good as the floor misses that less than once in a

@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from d2d import rigid
+from d2d._types import Array
 from d2d.radar import Tracker, load_radarscenes
 from d2d.radar.readers.radarscenes import RADARSCENES_BUDGET
 from d2d.radar.tracks.path import chain
@@ -25,8 +25,6 @@ ROOT = Path(__file__).parents[1]
 SCRIPT = ROOT / "_static" / "labs" / "replay_data.js"
 RECORDING = load_radarscenes(ROOT / "chapters" / "data" / "radarscenes", 105, 3)
 RUN = "sensor 3, baseline 2"
-
-Array = NDArray[np.float64]
 
 
 def drive() -> dict[str, Array]:
