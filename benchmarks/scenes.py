@@ -6,6 +6,7 @@ import numpy as np
 
 from d2d import PointSet, rigid
 from d2d._types import Array
+from d2d.study.plane.evaluation import distance_and_rotation, rms
 from d2d.study.plane.scenarios import OVERLAPPED, Scenario, cartesian
 
 # An estimate ends at the truth if its errors in translation and in rotation are within this many
@@ -90,26 +91,14 @@ def known_correspondences(draws: Draws) -> Array:
     return theta
 
 
-def errors(estimates: Array, theta: Array) -> tuple[Array, Array]:
-    """Length of the translation error (m) and size of the rotation error (rad) of each run."""
-    difference = estimates - theta
-    turn = np.abs((difference[:, 2] + np.pi) % (2.0 * np.pi) - np.pi)
-    return np.hypot(difference[:, 0], difference[:, 1]), turn
-
-
-def rms(values: Array) -> float:
-    """Root mean square; nan if there are no values."""
-    return float(np.sqrt(np.mean(values**2))) if values.size else float("nan")
-
-
 def accuracy(estimates: Array, floor: Array, theta: Array, only_at_truth: bool) -> Accuracy:
     """Judge estimates (n, 3) of the first n runs by the floor's estimates (runs, 3) of all runs.
 
     The errors are those of all n runs, or only of those that end at the truth, and are compared
     with the errors of the floor in the same runs.
     """
-    shift, turn = errors(estimates, theta)
-    floor_shift, floor_turn = errors(floor, theta)
+    shift, turn = distance_and_rotation(estimates - theta)
+    floor_shift, floor_turn = distance_and_rotation(floor - theta)
     near = (shift < AT_TRUTH * rms(floor_shift)) & (turn < AT_TRUTH * rms(floor_turn))
     judged = near if only_at_truth else np.ones_like(near)
     best = rms(floor_shift[: len(shift)][judged])

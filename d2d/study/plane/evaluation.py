@@ -75,8 +75,8 @@ def at_truth(errors: ArrayLike) -> NDArray[np.bool_]:
 
 
 def rms(values: Array) -> float:
-    """Root mean square."""
-    return float(np.sqrt(np.mean(values**2)))
+    """Root mean square; nan if there are no values."""
+    return float(np.sqrt(np.mean(values**2))) if values.size else float("nan")
 
 
 @dataclass(frozen=True, eq=False)
