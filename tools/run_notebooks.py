@@ -32,14 +32,6 @@ CHAPTERS = Path(__file__).resolve().parents[1] / "chapters"
 CELL_METADATA = ("mystnb", "tags")  # that the book uses; everything else comes from editors
 
 KERNELSPEC = {"display_name": "Python 3", "language": "python", "name": "python3"}
-LANGUAGE_INFO = {
-    "codemirror_mode": {"name": "ipython", "version": 3},
-    "file_extension": ".py",
-    "mimetype": "text/x-python",
-    "name": "python",
-    "nbconvert_exporter": "python",
-    "pygments_lexer": "ipython3",
-}
 FIGURES = [
     "--InlineBackend.figure_formats={'retina'}",
     "--InlineBackend.print_figure_kwargs={'bbox_inches': None}",
@@ -52,7 +44,7 @@ TIMEOUT = 300  # s for one cell
 def set_stable_metadata(notebook: NotebookNode) -> None:
     """Drop what editors and kernels leave behind in the metadata."""
     notebook.metadata.kernelspec = dict(KERNELSPEC)
-    notebook.metadata.language_info = dict(LANGUAGE_INFO)
+    notebook.metadata.language_info.pop("version", None)  # of Python
     notebook.metadata.pop("widgets", None)
     notebook.nbformat, notebook.nbformat_minor = 4, 5
     for cell in notebook.cells:
