@@ -82,7 +82,9 @@ def stacked(estimates: Sequence[Estimate]) -> Estimate:
     )
 
 
-def judged(estimate: Estimate, theta: ArrayLike, covariance: Array | None = None) -> Credibility:
+def credibility_of(
+    estimate: Estimate, theta: ArrayLike, covariance: Array | None = None
+) -> Credibility:
     """Credibility of converged estimates (N,) of ``theta`` (3,), perhaps with other covariances."""
     stated = estimate.covariance if covariance is None else covariance
     good = np.isfinite(stated).all(axis=(1, 2))

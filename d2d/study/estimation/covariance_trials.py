@@ -15,7 +15,7 @@ from d2d.study.book.claim import DECIBELS
 from d2d.study.book.measured import Measured, anees_of, mean_of
 from d2d.study.plane import evaluation
 from d2d.study.plane.scenarios import OVERLAPPED, Scenario, cartesian
-from d2d.study.runs import StatedCovariances, judged
+from d2d.study.runs import StatedCovariances, credibility_of
 
 SEED = 5
 RUNS = 20_000  # a variance is known to 1 % (one standard error)
@@ -136,7 +136,7 @@ def over_layouts(name: str) -> tuple[Measured, ...]:
         places = np.stack([rng.uniform(-0.7, 0.7, 8), rng.uniform(14.0, 33.0, 8)], axis=-1)
         scenario = replace(OVERLAPPED, targets=cartesian(places))
         estimates = register(*scenario.sample(1000, rng), COSTS[name], scenario.theta)
-        anees.append(anees_of(judged(estimates, scenario.theta)))
+        anees.append(anees_of(credibility_of(estimates, scenario.theta)))
     return tuple(anees)
 
 

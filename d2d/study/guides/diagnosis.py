@@ -32,8 +32,8 @@ def drawn(number: int, fault: str) -> tuple[Log, np.random.Generator]:
     return right_log(rng, vehicle, radars, rate, targets, duration), rng
 
 
-def told(sensors: Sensors) -> tuple[Track | None, tuple[Finding, ...]]:
-    """The track, None where the log is refused by an error, and what is found."""
+def track_and_diagnose(sensors: Sensors) -> tuple[Track | None, tuple[Finding, ...]]:
+    """Return the track, None if an error refuses the log, and the findings."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
         try:
@@ -44,7 +44,7 @@ def told(sensors: Sensors) -> tuple[Track | None, tuple[Finding, ...]]:
     return driven, tuple(each for each in found if each.symptom != _GUESSED)
 
 
-class Judged(NamedTuple):
+class Judgement(NamedTuple):
     """Whether a log's fault is named, and whether the log is refused or blamed for another."""
 
     named: bool
@@ -53,14 +53,14 @@ class Judged(NamedTuple):
     surely: bool  # blamed for another fault, without doubt
 
 
-def judged(number: int, fault: str) -> Judged:
-    """The judgement of the diagnosis on a log with a fault."""
+def judge(number: int, fault: str) -> Judgement:
+    """Judge the diagnosis of a log with a fault."""
     log, rng = drawn(number, fault)
-    driven, found = told(FAULTS[fault].put(rng, log))
+    driven, found = track_and_diagnose(FAULTS[fault].put(rng, log))
     known = [f.symptom in FAULTS[fault].symptoms or "microseconds" in f.symptom for f in found]
     others = [f for f, right in zip(found, known, strict=True) if not right]
     refused = driven is None or not driven.support.enough or any(f.sure for f in found)
-    return Judged(any(known), refused, bool(others), any(f.sure for f in others))
+    return Judgement(any(known), refused, bool(others), any(f.sure for f in others))
 
 
 def diagnosis_table() -> Table:
@@ -76,11 +76,11 @@ def diagnosis_table() -> Table:
 
 if __name__ == "__main__":
     of_each = -(-int(sys.argv[1]) // (len(FAULTS) - 1))
-    outcomes: dict[str, list[Judged]] = {fault: [] for fault in FAULTS}
+    outcomes: dict[str, list[Judgement]] = {fault: [] for fault in FAULTS}
     for first in range(of_each):  # a table of fewer logs is there before the whole
         for fault, those in outcomes.items():
             share = len(FAULTS) - 1 if fault == "nothing" else 1
-            those += [judged(first * share + i, fault) for i in range(share)]
+            those += [judge(first * share + i, fault) for i in range(share)]
         heads = ["named", "refused", "something else", "surely"]
         rows = [(fault, len(own), *np.mean(own, axis=0)) for fault, own in outcomes.items()]
         table_of = pd.DataFrame(rows, columns=["fault", "logs", *heads]).round(4)

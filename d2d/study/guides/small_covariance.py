@@ -28,7 +28,7 @@ from d2d.radar.simulation.drive import CAR_SPEED
 from d2d.study.guides.stated_sigmas import scaled
 from d2d.study.plane.evaluation import LIKELIHOOD, ROBUST, SUMMING
 from d2d.study.plane.scenarios import OUTLIERS, OVERLAPPED
-from d2d.study.runs import judged
+from d2d.study.runs import credibility_of
 
 COUNTS = (12, 24, 48, 96)  # targets that a scan keeps
 BIAS = float(np.deg2rad(1.0))  # of all azimuths of a sensor
@@ -93,7 +93,7 @@ def halves_of_each_reason() -> list[tuple[str, float, float]]:
     """ANEES of whole sets and of halves for each reason, by target, and by copy if repeated."""
     rows = []
     for name, case in _cases().items():
-        whole = judged(register(*case[:4]), OVERLAPPED.theta)
+        whole = credibility_of(register(*case[:4]), OVERLAPPED.theta)
         rows.append((name, float(whole.anees), float(halves(*case).anees)))
     return rows
 

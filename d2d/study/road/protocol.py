@@ -86,7 +86,7 @@ def changed(drive: Drive, cell: Cell, alone: Mapping[str, int]) -> Drive:
     return Drive(drive.title, found)
 
 
-def judged(
+def compare_cell(
     drive: Drive, cell: Cell, alone: Mapping[str, int], budget: ErrorBudget | None
 ) -> Comparison:
     """The track of a cell beside the reference; without a budget, the bare pairs of scans."""
@@ -221,35 +221,35 @@ def measure(models: Mapping[str, Comparison]) -> list[dict[str, Any]]:
     return rows
 
 
-class Judged(NamedTuple):
+class ProtocolResult(NamedTuple):
     """The budget that each drive of a data set is judged with, and a row for each measure."""
 
     budgets: dict[str, BudgetFit]
     rows: pd.DataFrame
 
 
-def load_and_judge(source: Source, cell: Cell, fitted: ErrorBudget) -> dict[str, Comparison]:
+def load_and_compare(source: Source, cell: Cell, fitted: ErrorBudget) -> dict[str, Comparison]:
     """The tracks of a cell from files."""
     drive, alone = source.load(), DATA_SETS[source.data_set].alone
     budgets = {STORED: drive.budget}
     if cell == CELLS[ALL]:  # with fewer sensors the others say nothing new
         budgets = {BARE: None, EMPTY: ErrorBudget(), FITTED: fitted} | budgets
-    return {name: judged(drive, cell, alone, budget) for name, budget in budgets.items()}
+    return {name: compare_cell(drive, cell, alone, budget) for name, budget in budgets.items()}
 
 
-def protocol(sources: Sequence[Source]) -> Judged:
+def protocol(sources: Sequence[Source]) -> ProtocolResult:
     """Judge every model in every cell on each drive of a data set, fitted to the others."""
     stored = DATA_SETS[sources[0].data_set].budget
     each = joblib.Parallel()(map(joblib.delayed(lambda s: unfiltered(s.load())), sources))
     drives = dict(zip([source.name for source in sources], each, strict=True))
     budgets = {name: fitted_budget(others(drives, name), stored) for name in drives}
-    run = joblib.delayed(load_and_judge)
+    run = joblib.delayed(load_and_compare)
     tracks = iter(
         joblib.Parallel()(
             run(s, cell, budgets[s.name].budget) for cell in CELLS.values() for s in sources
         )
     )
-    return Judged(
+    return ProtocolResult(
         budgets, rows_of({cell: {name: next(tracks) for name in drives} for cell in CELLS})
     )
 

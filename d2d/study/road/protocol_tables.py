@@ -30,7 +30,7 @@ from d2d.study.road.protocol import (
     MODELS,
     STORED,
     TRACKS,
-    Judged,
+    ProtocolResult,
     protocol,
 )
 
@@ -124,7 +124,7 @@ def errors(rows: pd.DataFrame) -> str:
     return table(rows, columns, TRACKS)
 
 
-def causes(found: Judged, stored: ErrorBudget) -> str:
+def causes(found: ProtocolResult, stored: ErrorBudget) -> str:
     """The budget that each drive is judged with, with its 95 % intervals, and the stored one."""
     unit = np.array([np.rad2deg(1.0), 1.0, 100.0, 1.0])
     lines = []
@@ -159,7 +159,7 @@ def counts(rows: pd.DataFrame) -> str:
     )
 
 
-def section(data_set: str, found: Judged, stored: ErrorBudget) -> str:
+def section(data_set: str, found: ProtocolResult, stored: ErrorBudget) -> str:
     """The tables of a data set."""
     rows, names = found.rows, list(found.budgets)
     value = " / ".join(names) if len(names) < 3 else f"mean of {', '.join(names)} and its interval"

@@ -35,11 +35,11 @@ from d2d.study.road.protocol import (
     QUIET,
     STORED,
     Cell,
-    Judged,
+    ProtocolResult,
     changed,
+    compare_cell,
     fitted_budget,
     is_quiet,
-    judged,
     rows_of,
     unfiltered,
 )
@@ -128,7 +128,7 @@ def test_the_estimates_are_those_of_the_public_track():
     """Breaks if the models are given other estimates than a user gets, or at another time."""
     drive = simulated()
     for budget in (None, STATED):
-        found = judged(drive, Cell(), ALONE, budget)
+        found = compare_cell(drive, Cell(), ALONE, budget)
         options = {"horizon": HORIZON, "budget": budget}
         expected = compare(drive.track(**options), drive.reference)
         assert_array_equal(found.errors, expected.errors)
@@ -153,7 +153,7 @@ def test_a_cell_has_the_sensors_and_targets_that_it_says():
         gone = {scan.time for scan in own.scans} - {scan.time for scan in less.scans}
         assert gone
         assert is_quiet(np.array(sorted(gone)), start, s, 2).all()
-    times = judged(drive, CELLS["silence"], ALONE, STATED).times - start
+    times = compare_cell(drive, CELLS["silence"], ALONE, STATED).times - start
     assert ((times % PERIOD) >= PERIOD - QUIET).all()
 
 
@@ -168,7 +168,7 @@ def test_the_tables_hold_every_model_in_every_cell(count, tmp_path):
     rows = rows_of(cells)
     assert names[0] not in set(rows.loc[rows["cell"] == "side", "drive"])
     budget = BudgetFit(STATED, CAUSES, np.ones(4), np.ones((2, 4)), 0.0, 10)
-    text = section("A data set", Judged(dict.fromkeys(names, budget), rows), STATED)
+    text = section("A data set", ProtocolResult(dict.fromkeys(names, budget), rows), STATED)
     assert "nan" not in text
     for name in (*MODELS, *(cell.removesuffix(" targets") for cell in CELLS), *names):
         assert name in text
