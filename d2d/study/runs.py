@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from typing import Literal, NamedTuple, Protocol
 
 import joblib
@@ -37,8 +37,7 @@ class Scene(Protocol):
 Initial = Literal["truth", "zero"] | ArrayLike
 
 
-@dataclass(frozen=True, eq=False)
-class MonteCarlo:
+class MonteCarlo(NamedTuple):
     """Estimates of all runs of one condition."""
 
     errors: Array  # (runs, P), estimate minus truth, in m, m, rad
@@ -117,9 +116,7 @@ def monte_carlo(
     )
     # the progress bar appears only on a terminal, and only if the runs take a while
     parts = list(tqdm(finished, total=len(sizes), unit="chunk", delay=2.0, disable=None))
-    return MonteCarlo(
-        *(np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(MonteCarlo))
-    )
+    return MonteCarlo(*map(np.concatenate, zip(*parts, strict=True)))
 
 
 def _starts(scenario: Scene, initial: Initial) -> Array:
