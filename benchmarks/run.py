@@ -18,10 +18,9 @@ from benchmarks.methods import Effort, one_per_call, others
 from benchmarks.scenes import accuracy, draw, known_correspondences, scene
 from benchmarks.timing import interleaved
 
-ONE_THREAD = {
-    name: "1"
-    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "TBB_NUM_THREADS")
-}
+ONE_THREAD = dict.fromkeys(
+    ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "TBB_NUM_THREADS"), "1"
+)
 EFFORT = {
     8: Effort(1000, 500, 100, 5, 100),
     16: Effort(1000, 300, 60, 5, 60),
