@@ -28,7 +28,14 @@ POSES = ("horizon", "distance", "turn", "turn is off by", "stated", "NEES / 3")
 
 
 def write(sources: Mapping[str, Sequence[Source]]) -> None:
-    """Write the tables of the logs, and of a gyro beside the front radars of RadarScenes."""
+    """Write the table of the logs and, if RadarScenes is at hand, that of the gyro."""
+    write_page("recordings.md", f"{__package__} recordings", [markdown(HEAD, log_lines())])
+    if lines := gyro_lines(sources.get("RadarScenes", [])):
+        write_page("recordings_gyro.md", f"{__package__} recordings", [markdown(GYRO, lines)])
+
+
+def log_lines() -> list[list[str]]:
+    """Track each log with one command: a line for each."""
     drive, lines, rows = simulate_drive(np.random.default_rng(0), 60.0), [], []
     for scan in drive.scans:
         x, y = scan.range * np.cos(scan.azimuth), scan.range * np.sin(scan.azimuth)
@@ -45,9 +52,13 @@ def write(sources: Mapping[str, Sequence[Source]]) -> None:
                 lines[-1][2] = ", ".join(f"{error:.3f}" for error in found.rmse)
                 lines[-1][3] = f"{found.credibility.anees:.1f}"
             np.savetxt(log, np.hstack(rows).T, "%.12g", ",", header="t_ns,x_m,y_m,steps")
-    write_page("recordings.md", f"{__package__} recordings", [markdown(HEAD, lines)])
+    return lines
+
+
+def gyro_lines(sources: Sequence[Source]) -> list[list[str]]:
+    """Track with a gyro beside each front radar of RadarScenes: a line for each radar."""
     lines = []
-    for source in sources.get("RadarScenes", []):
+    for source in sources:
         whole, rng = source.load(), np.random.default_rng(0)
         times, first = np.unique(whole.reference.times, return_index=True)
         rates = whole.reference.theta[first, 2] + BIAS + NOISE * rng.standard_normal(len(times))
@@ -60,8 +71,7 @@ def write(sources: Mapping[str, Sequence[Source]]) -> None:
             drifts = [rms(drift(driven, one.reference)[:, 1]) for driven in tracks]
             cells = (f"{error:.2f}" for error in [*turns, *np.rad2deg(drifts)])
             lines.append([f"{whole.title}, {side}", *cells])
-    if lines:
-        write_page("recordings_gyro.md", f"{__package__} recordings", [markdown(GYRO, lines)])
+    return lines
 
 
 def write_poses(folder: Path) -> None:
