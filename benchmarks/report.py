@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import matplotlib
@@ -13,36 +14,19 @@ from matplotlib.figure import Figure
 from benchmarks import methods, processes
 from benchmarks.peers import PEERS
 from benchmarks.scenes import SCENES, Accuracy
-from benchmarks.timing import exponent
 from d2d.study.book import drawing
 from d2d.study.book.grammar import COSTS, GREY, OTHERS, PINK, cost_line
 from d2d.study.book.style import headline, letter_panels, use_style, write_out_ticks
 from d2d.study.results import results_path
 from d2d.study.road.markdown import markdown
 
-# The sizes of the table of growth, and its methods with a name for each.
+# The sizes of the table of growth, and its methods: ours with each cost, then the peers.
 MANY, MORE = 200, 1000
-GROWING = (
-    *(
-        (cost, f"{cost}{what}", name)
-        for what, name in (
-            ("", methods.ONE),
-            (", covariance propagated", methods.ONE_PROPAGATED),
-            (", from arrays", methods.ONE_ARRAYS),
-        )
-        for cost in methods.COSTS
-    ),
-    *(
-        ("its own", name, name)
-        for name in (
-            "small_gicp ICP",
-            "small_gicp ICP, from arrays",
-            "open3d ICP",
-            "open3d ICP, from arrays",
-            "kiss-icp",
-        )
-    ),
-)
+GROWING = [
+    *product((methods.ONE, methods.ONE_PROPAGATED, methods.ONE_ARRAYS), methods.COSTS),
+    *product(("small_gicp ICP", "small_gicp ICP, from arrays"), ["its own"]),
+    *product(("open3d ICP", "open3d ICP, from arrays", "kiss-icp"), ["its own"]),
+]
 
 # Of the chart over the sizes: name, colour and parts of the names of each group of peers, and where
 # the name stands in both panels; and what the panels show.
@@ -125,15 +109,8 @@ def number(value: float, digits: int = 3) -> str:
     return f"{round(value, digits - 1 - int(np.floor(np.log10(abs(value))))):.{decimals}f}"
 
 
-def growth(rows: Sequence[Row], cost: str, name: str, start: str, scene: str = "dense") -> float:
-    """The local exponent between `MANY` and `MORE` targets, nan where one was not measured."""
-    both = [find(rows, size, start, cost, name, scene) for size in (MANY, MORE)]
-    found = [row for row in both if row is not None]
-    return exponent((MANY, MORE), [row.best for row in found]) if len(found) == 2 else np.nan
-
-
 def growth_table(rows: Sequence[Row]) -> str:
-    """Times of `MANY` and `MORE` targets, exponent and accuracy, the two scenes side by side."""
+    """Times of `MANY` and `MORE` targets, local exponent and accuracy, the scenes side by side."""
     header = (
         "from 0.4 m off",
         *(
@@ -143,14 +120,15 @@ def growth_table(rows: Sequence[Row]) -> str:
         ),
     )
     lines = []
-    for cost, label, name in GROWING:
+    for name, cost in GROWING:
         cells: list[str] = []
         for scene in SCENES:
             many, more = (find(rows, size, "off", cost, name, scene) for size in (MANY, MORE))
-            cells += [number(row.best * 1e6 if row else np.nan) for row in (many, more)]
-            cells.append(number(growth(rows, cost, name, "off", scene), 2))
+            before, after = (row.best if row else np.nan for row in (many, more))
+            exponent = np.log(after / before) / np.log(MORE / MANY)
+            cells += [number(1e6 * before), number(1e6 * after), number(exponent, 2)]
             cells.append(number(more.accuracy.over_floor if more else np.nan))
-        lines.append((label, *cells))
+        lines.append((name.replace(methods.ONE, cost), *cells))
     return markdown(header, lines, 1)
 
 

@@ -13,27 +13,15 @@ from d2d._types import Array
 
 @dataclass(frozen=True)
 class Method:
-    """One way to register, which is measured in one row of the table.
-
-    Attributes
-    ----------
-    name, start, cost : str
-        ``start`` is "truth", "off" or "zero".
-    solve : function of n
-        Registers the first n runs; this is what is timed.
-    motions : function of what ``solve`` returns
-        The motions (n, 3) found; not timed.
-    runs, timed : int
-        Number of runs for the accuracy, and number timed in each round.
-    """
+    """One way to register, which is measured in one row of the table."""
 
     name: str
-    start: str
+    start: str  # "truth", "off" or "zero"
     cost: str
-    solve: Callable[[int], Any]
-    motions: Callable[[Any], Array]
-    runs: int
-    timed: int
+    solve: Callable[[int], Any]  # registers the first n runs; this is what is timed
+    motions: Callable[[Any], Array]  # from its result to the motions (n, 3) found; not timed
+    runs: int  # for the accuracy
+    timed: int  # in each round
 
 
 def one_by_one(
@@ -79,8 +67,3 @@ def interleaved(methods: Sequence[Method], rounds: int) -> Array:
     finally:
         gc.enable()
     return seconds
-
-
-def exponent(sizes: Sequence[int], seconds: Sequence[float]) -> float:
-    """Slope of log time over log size."""
-    return float(np.polyfit(np.log(sizes), np.log(seconds), 1)[0])
