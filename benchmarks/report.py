@@ -228,10 +228,8 @@ def page(m: Measured) -> str:
     )
 
 
-def charts(rows: Sequence[Row]) -> None:
-    """Draw time and accuracy over the number of targets, and one against the other."""
-    matplotlib.use("Agg")
-    use_style()
+def draw_sizes(rows: Sequence[Row]) -> None:
+    """Draw time and accuracy over the number of targets."""
     figure, axes = plt.subplots(2, figsize=(5.5, 5.8), height_ratios=(1.5, 1.0), sharex=True)
     sizes = sorted({row.size for row in rows})
     for words, color, families, places in _BANDS:
@@ -265,6 +263,10 @@ def charts(rows: Sequence[Row]) -> None:
     letter_panels(axes)
     _save(figure, "benchmarks.png")
 
+
+def draw_batches(rows: Sequence[Row]) -> None:
+    """Draw time and accuracy of each method, also in a batch, for up to three sizes."""
+    sizes = {row.size for row in rows}
     shown = [size for size in (8, 48, 200) if size in sizes]
     figure, axes = plt.subplots(1, 2, figsize=(5.5, 5.0), sharey=True)
     words = f"time: {shown[0]} (small) to {shown[-1]} targets"
@@ -309,4 +311,7 @@ def write(m: Measured) -> None:
     results_path("benchmarks.md").write_text(page(m), encoding="utf-8")
     rows = pd.DataFrame([row.cells() for row in m.rows])
     rows.to_csv(results_path("benchmarks.csv"), index=False)
-    charts(m.rows)
+    matplotlib.use("Agg")
+    use_style()
+    draw_sizes(m.rows)
+    draw_batches(m.rows)
