@@ -130,14 +130,12 @@ def _bounds(design: Array, excess: Array, times: Array) -> Array:
 
 def fit_scenes(sources: Mapping[str, Source]) -> dict[str, Any]:
     """Prediction time (s) and corrections of the mounting angles (deg), scene by scene."""
-    fits = {name: fit_turning(doppler_residuals(load_stated(sources[name]))) for name in SCENES}
-    return {
-        name: {
-            "prediction_time": found.time,
-            "mounting_errors": np.rad2deg(found.mountings).tolist(),
-        }
-        for name, found in fits.items()
-    }
+    found = {}
+    for name in SCENES:
+        fit = fit_turning(doppler_residuals(load_stated(sources[name])))
+        degrees = np.rad2deg(fit.mountings).tolist()
+        found[name] = {"prediction_time": fit.time, "mounting_errors": degrees}
+    return found
 
 
 def scene_cells(name: str, residuals: pd.DataFrame, found: Fit) -> tuple[str, ...]:

@@ -54,31 +54,27 @@ def scores(found: Comparison) -> dict[str, Any]:
 
 def by_baseline(drives: Mapping[str, Drive]) -> dict[str, Any]:
     """The scores of every covariance on each drive, under the name of the baseline."""
-    found = {name: models(drive, BASELINE) for name, drive in drives.items()}
-    judged = {n: {model: scores(own) for model, own in each.items()} for n, each in found.items()}
-    return {f"baseline {BASELINE}": judged}
+    found = {
+        name: {model: scores(own) for model, own in models(drive, BASELINE).items()}
+        for name, drive in drives.items()
+    }
+    return {f"baseline {BASELINE}": found}
 
 
 def by_extent(drive: Drive) -> list[dict[str, Any]]:
     """Scores of the inverse Hessian and of the propagated noise against the targets' extent."""
-    rows = []
+    budgets, rows = {"inverse Hessian": None, "propagated": ErrorBudget()}, []
     for extent in EXTENTS:
         own = drive.extended(extent)
-        row = {"inverse Hessian": None, "propagated": ErrorBudget()}
-        judged = {name: scores(own.compare(baseline=2, budget=b)) for name, b in row.items()}
-        rows.append({"extent": extent, **judged})
+        found = {name: scores(own.compare(baseline=2, budget=b)) for name, b in budgets.items()}
+        rows.append({"extent": extent, **found})
     return rows
 
 
 def by_horizon(drive: Drive) -> list[dict[str, Any]]:
     """Scores with the budget, and the mean time between the scans of a pair, by baseline."""
-    return [
-        {
-            "horizon": baseline * drive.cycle,
-            **scores(drive.compare(baseline=baseline, budget=drive.budget)),
-        }
-        for baseline in LONGER
-    ]
+    found = {each: drive.compare(baseline=each, budget=drive.budget) for each in LONGER}
+    return [{"horizon": n * drive.cycle, **scores(own)} for n, own in found.items()]
 
 
 def turns(drive: Drive) -> dict[str, list[float]]:
