@@ -103,7 +103,7 @@ def _driven(rng: np.random.Generator, kind: Vehicle, duration: float) -> Referen
 def _beside(rng: np.random.Generator, kind: Vehicle, poses: Array) -> Array:
     """Static points (n, 2) in m to either side of the whole path, and beyond its ends."""
     length = np.hypot(*np.diff(poses[:, :2], axis=0).T).sum() + 4.0 * kind.reach
-    count = int(length / 60.0 * 120 * 60.0 / kind.reach) + 200
+    count = int(120.0 * length / kind.reach) + 200
     along = rng.uniform(-1.5 * kind.reach, length - 2.5 * kind.reach, count)
     driven = np.r_[0.0, np.cumsum(np.hypot(*np.diff(poses[:, :2], axis=0).T))]
     nearest = poses[np.clip(np.searchsorted(driven, along), 0, len(poses) - 1)]
