@@ -10,13 +10,14 @@ from d2d import ANNEALED
 from d2d.scores import within
 from d2d.study import monte_carlo, scenarios
 from d2d.study.book import drawing, grammar, style
-from d2d.study.plane.evaluation import COSTS, at_truth
+from d2d.study.plane.evaluation import COSTS, at_truth, distance_and_rotation, rms
+from d2d.study.plane.tables import short_name
 from d2d.study.road.scores import read_scores
 
 DPI = 122  # of the page; 5.5 inches fit a phone, which has two pixels or more for each
 TILE = (2.6, 2.0)  # inches: three beside each other on the first pages
 STATIC = Path(__file__).resolve().parents[1] / "_static"
-SCENES = [scene.name.replace("outliers and clusters", "both,") for scene in scenarios.ALL]
+SCENES = [short_name(scene.name) for scene in scenarios.ALL]
 ROWS = np.arange(len(SCENES))[::-1]
 
 
@@ -50,7 +51,7 @@ def summing() -> Figure:
     for name, shift in zip(grammar.COSTS, (0.22, 0.0, -0.22), strict=True):
         marks, heights = grammar.COSTS[name].marks, ROWS + shift
         results = [monte_carlo(scene, COSTS[name]) for scene in scenarios.ALL]
-        errors = [np.sqrt(np.mean(np.sum(run.errors[:, :2] ** 2, axis=1))) for run in results]
+        errors = [rms(distance_and_rotation(run.errors)[0]) for run in results]
         axes[0].plot(errors, heights, **marks)
         axes[1].plot([run.credibility.anees for run in results], heights, **marks)
     axes[0].set(xlabel="RMSE (m)", xlim=(0, None), title="error", yticks=ROWS, yticklabels=SCENES)

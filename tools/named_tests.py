@@ -36,7 +36,7 @@ def source_of(module: str, test: str) -> str:
     """The lines of a test function."""
     source = (TESTS / f"{module}.py").read_text(encoding="utf-8")
     (function,) = (node for node in ast.parse(source).body if getattr(node, "name", "") == test)
-    return "\n".join(source.splitlines()[function.lineno - 1 : function.end_lineno])
+    return ast.get_source_segment(source, function)
 
 
 def collect(app: Any) -> Iterator[tuple[str, dict[str, Any], str]]:
