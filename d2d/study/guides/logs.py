@@ -64,8 +64,8 @@ def right_log(
 ) -> Log:
     """A log without any fault, of radars that see up to so many targets in each scan."""
     kind = VEHICLES[vehicle]
-    truth = _driven(rng, kind, duration)
-    points = _beside(rng, kind, truth.poses)
+    truth = _motion(rng, kind, duration)
+    points = _static_points(rng, kind, truth.poses)
     sensors: Sensors = {}
     for number, (ahead, left, yaw) in enumerate(PLACES[radars], start=1):
         mounting = Mounting(kind.front * ahead, left, yaw)
@@ -74,14 +74,14 @@ def right_log(
         moving = _traffic(np.random.default_rng(rng.integers(1 << 30)), kind, motion)
         still = np.pad(points, ((0, 0), (0, 2)))
         scans = [
-            _seen(rng, np.concatenate([others, still]), t, pose, v, mounting, kind.reach, targets)
+            _scan(rng, np.concatenate([others, still]), t, pose, v, mounting, kind.reach, targets)
             for others, t, pose, v in zip(moving, times, motion.poses, motion.theta, strict=True)
         ]
         sensors[f"r{number}"] = scans, mounting
     return Log(sensors, truth, vehicle)
 
 
-def _driven(rng: np.random.Generator, kind: Vehicle, duration: float) -> Reference:
+def _motion(rng: np.random.Generator, kind: Vehicle, duration: float) -> Reference:
     """The motion of a vehicle whose rear axle does not slip."""
     times = np.arange(0.0, duration + _STEP, _STEP)
     knots = np.arange(0.0, duration + 4.0, 4.0)
@@ -100,7 +100,7 @@ def _driven(rng: np.random.Generator, kind: Vehicle, duration: float) -> Referen
     return Reference(times, theta, poses)
 
 
-def _beside(rng: np.random.Generator, kind: Vehicle, poses: Array) -> Array:
+def _static_points(rng: np.random.Generator, kind: Vehicle, poses: Array) -> Array:
     """Static points (n, 2) in m to either side of the whole path, and beyond its ends."""
     length = np.hypot(*np.diff(poses[:, :2], axis=0).T).sum() + 4.0 * kind.reach
     count = int(120.0 * length / kind.reach) + 200
@@ -134,7 +134,7 @@ def _traffic(rng: np.random.Generator, kind: Vehicle, motion: Reference) -> Arra
     return np.concatenate([place, velocity], axis=-1).reshape(len(motion.times), -1, 4)
 
 
-def _seen(
+def _scan(
     rng: np.random.Generator,
     points: Array,
     time: float,

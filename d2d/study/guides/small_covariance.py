@@ -133,7 +133,7 @@ def bias_against_targets() -> pd.DataFrame:
     rows = []
     for count in COUNTS:
         sensor = Sensor(max_targets=count, half_range=60.0, max_range=80.0, quantised=False)
-        drives = [_driven(_PLACES[0], sensor, SensorErrors(azimuth=BIAS), 11 + n) for n in range(3)]
+        drives = [_drive(_PLACES[0], sensor, SensorErrors(azimuth=BIAS), 11 + n) for n in range(3)]
         rows.append([np.mean([len(scan) for drive in drives for scan in drive.scans])])
         for budget in (None, ErrorBudget(azimuth=BIAS)):
             tracks = (track(d, baseline=1, budget=budget, carry=budget is not None) for d in drives)
@@ -166,13 +166,13 @@ REASONS = {
 @cache
 def without_truth() -> dict[str, list[float]]:
     """ANEES of one of two front radars against the truth, by halves, and by the other radar."""
-    return {name: _judged(reason) for name, reason in REASONS.items()}
+    return {name: _anees_of(reason) for name, reason in REASONS.items()}
 
 
-def _judged(reason: Reason) -> list[float]:
+def _anees_of(reason: Reason) -> list[float]:
     sensor = Sensor(quantised=False)
     drives = [
-        _driven(mounting, sensor, replace(reason.errors, azimuth=turned * BIAS), 21 + number)
+        _drive(mounting, sensor, replace(reason.errors, azimuth=turned * BIAS), 21 + number)
         for number, (mounting, turned) in enumerate(zip(_PLACES, reason.turned, strict=True))
     ]
     scans = [[scaled(scan, reason.factor) for scan in drive.scans] for drive in drives]
@@ -187,8 +187,8 @@ def _judged(reason: Reason) -> list[float]:
     return [float(test.credibility.anees) for test in tests]
 
 
-def _driven(mounting: Mounting, sensor: Sensor, errors: SensorErrors, seed: int) -> Drive:
-    """A drive of 20 s, always through the same world."""
+def _drive(mounting: Mounting, sensor: Sensor, errors: SensorErrors, seed: int) -> Drive:
+    """Simulate a drive of 20 s, always through the same world."""
     world = build_world(np.random.default_rng(5))
     rng = np.random.default_rng(seed)
     return simulate_drive(

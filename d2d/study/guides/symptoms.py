@@ -75,7 +75,7 @@ FAULTS: dict[str, Fault] = {
 @cache
 def symptoms() -> list[Symptom]:
     """Track a lap of the car with one fault of `FAULTS` after the other."""
-    return [_tried(name) for name in FAULTS]
+    return [_track_with(name) for name in FAULTS]
 
 
 @cache
@@ -88,7 +88,7 @@ def _lap(name: str) -> tuple[Scans, Mounting, Track]:
         return scans, mounting, track((scans, mounting))
 
 
-def _tried(name: str) -> Symptom:
+def _track_with(name: str) -> Symptom:
     truth = front_drive().truth
     try:
         scans, mounting, driven = _lap(name)

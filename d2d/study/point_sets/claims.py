@@ -59,7 +59,7 @@ def _scan_pair(scene: str, number: int) -> tuple[RoomScan, RoomScan, np.random.G
 def _success_shares() -> dict[tuple[str, str], Array]:
     """Share of starts that end at the truth, far and near, in each room (ROOMS, 2)."""
     methods = {name: METHODS[name] for name in COMPARED} | COARSE
-    shares = {key: np.empty((ROOMS, 2)) for key in ((s, m) for s in SCENES for m in methods)}
+    shares = {key: np.empty((ROOMS, 2)) for key in product(SCENES, methods)}
     for scene in SCENES:
         for room in range(ROOMS):
             before, after, rng = _scan_pair(scene, room)
@@ -86,7 +86,7 @@ def _near(scene: str, method: str) -> Measured:
 @lru_cache(maxsize=1)
 def _near_of_ndt() -> dict[tuple[str, str], Measured]:
     """Share of near starts from which each NDT ends at the truth, in each scene."""
-    good: dict[tuple[str, str], list[float]] = {(s, m): [] for s in SCENES for m in NDT}
+    good: dict[tuple[str, str], list[float]] = {key: [] for key in product(SCENES, NDT)}
     for scene in SCENES:
         for room in range(NDT_ROOMS):
             before, after, rng = _scan_pair(scene, ROOMS + room)
