@@ -4,7 +4,7 @@ import sys
 import time
 
 from d2d.study import CLAIMS
-from d2d.study.book.record import read_record, record_path, write_record
+from d2d.study.book.record import RECORD, read_record, write_record
 
 
 def main(names: list[str]) -> None:
@@ -12,14 +12,14 @@ def main(names: list[str]) -> None:
     unknown = [name for name in names if name not in CLAIMS]
     if unknown:
         sys.exit(f"No claim has the id {unknown[0]!r}.")
-    stored = read_record() if record_path().exists() else {}
+    stored = read_record() if RECORD.exists() else {}
     fresh = {}
     for name in names or CLAIMS:
         begin = time.perf_counter()
         fresh[name] = CLAIMS[name].check()
         print(f"{time.perf_counter() - begin:5.1f} s  {fresh[name].verdict:13}  {name}", flush=True)
     merged = stored | fresh
-    write_record(record_path(), {name: merged[name] for name in CLAIMS if name in merged})
+    write_record(RECORD, {name: merged[name] for name in CLAIMS if name in merged})
 
 
 if __name__ == "__main__":

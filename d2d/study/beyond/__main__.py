@@ -8,7 +8,7 @@ import argparse
 import joblib
 from tqdm import tqdm
 
-from d2d.study.beyond.exhaustive import recompute, table_of, table_path, trials, write_table
+from d2d.study.beyond.exhaustive import TABLE, recompute, table_of, trials, write_table
 
 
 def main() -> None:
@@ -22,8 +22,8 @@ def main() -> None:
     parallel = joblib.Parallel(arguments.jobs, return_as="generator")
     outcomes = parallel(joblib.delayed(kept)(trial) for trial in wanted)
     rows = table_of(wanted, list(tqdm(outcomes, total=len(wanted), disable=None)))
-    write_table(table_path(), rows)
-    print(f"{rows.runs.sum()} registrations in {len(rows)} conditions, written to {table_path()}")
+    write_table(TABLE, rows)
+    print(f"{rows.runs.sum()} registrations in {len(rows)} conditions, written to {TABLE}")
 
 
 if __name__ == "__main__":

@@ -26,6 +26,7 @@ from d2d.study.plane.scenarios import OVERLAPPED
 from d2d.study.results import results_path
 from d2d.study.runs import MonteCarlo, monte_carlo, scheduled
 
+TABLE = results_path("exhaustive.csv")  # of the book
 _TURNS = np.deg2rad([-20.0, 0.0, 20.0])
 # Offsets of the starts from the given one, on a grid 3 m apart, by the number of starts.
 GRIDS: dict[int, Array] = {
@@ -242,14 +243,9 @@ def write_table(path: Path, rows: pd.DataFrame) -> None:
     stored.to_csv(path, index=False, float_format="%.5g", na_rep="nan", lineterminator="\n")
 
 
-def read_table(path: Path | None = None) -> pd.DataFrame:
+def read_table(path: Path = TABLE) -> pd.DataFrame:
     """Read what `write_table` wrote; by default the book's table."""
-    return _with_shares(pd.read_csv(path or table_path(), dtype=get_type_hints(Trial)))
-
-
-def table_path() -> Path:
-    """Path of the book's table."""
-    return results_path("exhaustive.csv")
+    return _with_shares(pd.read_csv(path, dtype=get_type_hints(Trial)))
 
 
 def select(rows: pd.DataFrame, factor: str, **wanted: Any) -> pd.DataFrame:

@@ -15,13 +15,9 @@ from d2d.study.book.claim import Evidence
 from d2d.study.book.measured import Measured, with_bounds
 from d2d.study.results import read_json, results_path, write_json
 
+RECORD = results_path("claims.json")  # of the book
 RELATIVE, ABSOLUTE = 0.005, 0.002
 _NUMBER = re.compile(r"[-+−]?\d+(\.\d+)?(e[-+]?\d+)?")
-
-
-def record_path() -> Path:
-    """Path of the book's record."""
-    return results_path("claims.json")
 
 
 def write_record(path: Path, evidence: Mapping[str, Evidence]) -> None:
@@ -45,9 +41,9 @@ def _stored(value: float) -> float | list[Any]:
     return [*with_bounds(value), *mark]
 
 
-def read_record(path: Path | None = None) -> dict[str, Evidence]:
+def read_record(path: Path = RECORD) -> dict[str, Evidence]:
     """Read what `write_record` wrote; by default the book's record."""
-    stored = read_json(path or record_path())
+    stored = read_json(path)
     for entries in stored.values():
         del entries["verdict"]  # follows from the parts
         entries["numbers"] = {name: _read(value) for name, value in entries["numbers"].items()}
