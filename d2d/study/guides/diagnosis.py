@@ -66,12 +66,11 @@ def judge(number: int, fault: str) -> Judgement:
 def diagnosis_table() -> Table:
     """The stored shares, a row for each fault, beside those of the diagnosis before this one."""
     stored, before = (pd.read_csv(results_path(f"diagnosis{end}.csv")) for end in ("", "_before"))
-    heads = [(name, "", ".0%") for name in stored.columns[2:]]
-    rows = stored.merge(
-        before[["fault", "named", "something else", "surely"]], on="fault", how="left"
-    )
-    heads += [(f"before: {name}", "", ".0%") for name in ("named", "something else", "surely")]
-    return table(rows.itertuples(index=False), ["fault", "logs", *heads])
+    shared = ["named", "something else", "surely"]
+    rows = stored.merge(before[["fault", *shared]], on="fault", how="left")
+    heads = [(name, "", ".0%") for name in (*stored.columns[2:], *shared)]
+    groups = {"before": len(shared)}
+    return table(rows.itertuples(index=False), ["fault", "logs", *heads], groups=groups)
 
 
 if __name__ == "__main__":
