@@ -66,7 +66,7 @@ def judge(number: int, fault: str) -> Judgement:
 def diagnosis_table() -> Table:
     """The stored shares, a row for each fault, beside those of the diagnosis before this one."""
     stored, before = (pd.read_csv(results_path(f"diagnosis{end}.csv")) for end in ("", "_before"))
-    shared = ["named", "something else", "surely"]
+    shared = ["named", "blamed", "surely"]
     rows = stored.merge(before[["fault", *shared]], on="fault", how="left")
     heads = [(name, "", ".0%") for name in (*stored.columns[2:], *shared)]
     groups = {"before": len(shared)}
@@ -80,7 +80,7 @@ if __name__ == "__main__":
         for fault, those in outcomes.items():
             share = len(FAULTS) - 1 if fault == "nothing" else 1
             those += [judge(first * share + i, fault) for i in range(share)]
-        heads = ["named", "refused", "something else", "surely"]
+        heads = ["named", "refused", "blamed", "surely"]
         rows = [(fault, len(own), *np.mean(own, axis=0)) for fault, own in outcomes.items()]
         table_of = pd.DataFrame(rows, columns=["fault", "logs", *heads]).round(4)
         table_of.to_csv(results_path("diagnosis.csv"), index=False)
