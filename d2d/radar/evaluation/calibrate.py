@@ -16,6 +16,7 @@ from d2d.radar.evaluation.calibration_model import (
     fit,
     scan_velocities,
 )
+from d2d.radar.evaluation.sensor_motion import wrapped
 from d2d.radar.scans.reference import Recording, Reference, SlipLaw
 from d2d.radar.scans.scan import Mounting, RadarScan
 from d2d.radar.tracks.rounds import check_distinct
@@ -167,7 +168,8 @@ def calibrate(
         model.free[place] = False
         model, found = _selected(model, bound)
         spread, block = covariance(model, found)
-    lag, speed, offset, square, *yaw, bias = found.parameters.tolist()
+    lag, speed, offset, square, *turns, bias = found.parameters.tolist()
+    yaw = wrapped(turns)  # a fit may have gone round several times
     unit = np.ones(len(spread))
     unit[_COMPLIANCE] = -1.0 / (1.0 + speed) ** 2  # the fit multiplies the reference's v_x^2
     margin = _SURE * float(np.nan_to_num(np.sqrt(spread[_AHEAD, _AHEAD])))
@@ -176,7 +178,7 @@ def calibrate(
         lag=lag,
         speed_factor=1.0 + speed,
         slip=SlipLaw(offset, square * unit[_COMPLIANCE]),
-        yaw=np.array(yaw),
+        yaw=yaw,
         bias=bias,
         covariance=spread * np.outer(unit, unit),
         mountings=[
@@ -193,7 +195,7 @@ def calibrate(
 
 def _check(found: Fit, bound: float = np.inf, margin: float = np.nan) -> None:
     """Raise a ValueError if a fit cannot be true; without a margin (m), by its residuals."""
-    (lag, speed, ahead, _, *yaw, _), rms = found.parameters, np.sqrt(found.mean_square)
+    (lag, speed, ahead, *_), rms = found.parameters, np.sqrt(found.mean_square)
     said = ""
     if not rms < _UNEXPLAINED:
         said = (
@@ -214,8 +216,6 @@ def _check(found: Fit, bound: float = np.inf, margin: float = np.nan) -> None:
         said = (
             f"the rear axle near the origin, not {ahead:.1f} m behind; is the yaw rate clockwise?"
         )
-    elif max(map(abs, yaw)) > np.pi:
-        said = f"mountings near their places, not turned by {np.rad2deg(max(yaw)):.0f} deg"
     if said:
         raise ValueError(f"recordings must have {said}")
 

@@ -146,9 +146,14 @@ def test_the_standard_deviations_are_those_of_the_errors():
 
 def test_a_wrong_clock_and_mounting_are_mended():
     """Breaks if what is handed back is corrected the other way round, v_y is not that of the law,
-    or unknown times are made up."""
+    unknown times are made up, or angles of a fit that has gone round are refused."""
     sensors = drive(2, 0.15)
     found = calibrate(sensors)
+    aside = [
+        replace(one, mounting=replace(one.mounting, yaw=one.mounting.yaw - 0.5 * np.pi))
+        for one in sensors
+    ]
+    assert_allclose(calibrate(aside).yaw, found.yaw + 0.5 * np.pi, atol=1e-3)
     again = calibrate(
         [
             (recording.scans, mounting, found.reference(recording.reference))
