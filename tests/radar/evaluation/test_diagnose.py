@@ -142,7 +142,8 @@ def test_a_stretch_without_estimates_has_its_times():
 
 
 def test_sensors_that_contradict_each_other_are_told():
-    """Breaks if two tracks of one vehicle may differ by any number of standard deviations."""
+    """Breaks if two tracks of one vehicle may differ by any number of standard deviations, or files
+    are written although they surely are of two drives."""
     sensors = log().sensors
     alone = {name: track(sensor) for name, sensor in sensors.items()}
     driven = track(sensors)
@@ -150,9 +151,12 @@ def test_sensors_that_contradict_each_other_are_told():
     for wrong in (7, [], {"r1": 7}):
         with pytest.raises(ValueError, match=r"^alone"):
             diagnose(sensors, driven, wrong)
-    alone["r2"] = replace(alone["r2"], theta=alone["r2"].theta + np.array([1.0, 0.0, 0.0]))
-    (found,) = diagnose(sensors, driven, alone)
-    assert (found.symptom, found.sensor) == ("sensors contradict each other", "r1 and r2")
+    right = alone["r2"]
+    for faster, sure in ((0.5, False), (4.0, True)):
+        alone["r2"] = replace(right, theta=right.theta + np.array([faster, 0.0, 0.0]))
+        (found,) = diagnose(sensors, driven, alone)
+        assert (found.symptom, found.sensor) == ("sensors contradict each other", "r1 and r2")
+        assert found.sure == sure, found.number
 
 
 # Values on either side of a limit: the symptom, and whether it is found.
