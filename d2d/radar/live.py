@@ -1,6 +1,7 @@
 """Scans and estimates as lines of JSON, for any middleware."""
 
 import json
+from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import partial
 from typing import Any
@@ -12,11 +13,13 @@ from d2d._checks import SECONDS, check_finite
 from d2d._types import Array
 from d2d.radar.scans.scan import ANGLES, MEASURED, SIGMAS, UPWARDS, RadarScan
 from d2d.radar.tracks.estimator import VelocityEstimate
+from d2d.radar.tracks.track import NUMBER
 from d2d.radar.tracks.tracker import Tracker
 
 _COLUMNS = ("time", *MEASURED, *SIGMAS)
 # 3000 years since 1970, before those in ms begin; float64 still holds them to 15 us
 _TIME = SECONDS._replace(most=1e11, hint="; are these milli-, micro- or nanoseconds?")
+_WATCHED, _FEW = 50, 1 / 3  # the last estimates, and the share of them that is accepted at least
 
 
 def estimates_of(
@@ -44,7 +47,7 @@ def estimates_of(
         yield from tracker.finish()
 
     last, pose = None, np.zeros(3)
-    for estimate in estimates():
+    for estimate in _watched(estimates(), complain):
         # where an estimate was not accepted, its velocity is the last one that was
         before = estimate.theta if last is None else last.theta
         twist = 0.5 * estimate.interval * (before + estimate.theta)
@@ -52,6 +55,26 @@ def estimates_of(
             pose = rigid.compose(pose, rigid.exponential(twist))
         last = estimate
         yield _line(estimate, pose)
+
+
+def _watched(
+    estimates: Iterator[VelocityEstimate], complain: Callable[[str], None]
+) -> Iterator[VelocityEstimate]:
+    """The estimates; ``complain`` is told once if too few of the last ones were accepted."""
+    reasons = deque[str](maxlen=_WATCHED)
+    for estimate in estimates:
+        yield estimate
+        reasons.append(NUMBER.sub("...", estimate.reason))
+        accepted = reasons.count("")
+        if len(reasons) == _WATCHED and accepted < _FEW * _WATCHED:
+            ((often, _),) = Counter(filter(None, reasons)).most_common(1)
+            complain(
+                f"only {accepted} of the last {_WATCHED} estimates were accepted, most failed "
+                f'because of {often}; see the page "When a path looks wrong", or give a log of '
+                "such scans to `track`, which names mistakes"
+            )
+            break
+    yield from estimates
 
 
 def _add(

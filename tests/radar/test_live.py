@@ -5,6 +5,7 @@ import json
 import shlex
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,10 +20,10 @@ LISTS = ("range", "azimuth", "doppler", "sigma_range", "sigma_azimuth", "sigma_d
 CALL = ("live", "--mounting", "front", "0.4", "0", "0")
 
 
-def lines(**changed) -> list[str]:
-    """The drive as lines of JSON, with members that are changed, or None to leave them out."""
+def lines(scans=DRIVE.scans, **changed) -> list[str]:
+    """Scans as lines of JSON, with members that are changed, or None to leave them out."""
     found = []
-    for scan in DRIVE.scans:
+    for scan in scans:
         entry = {"sensor": "front", "time": scan.time}
         entry |= {name: getattr(scan, name).tolist() for name in LISTS} | changed
         found.append(json.dumps({name: v for name, v in entry.items() if v is not None}))
@@ -75,6 +76,16 @@ def test_the_pose_is_that_of_the_track(run):
     assert_allclose([each["pose"] for each in found], wanted, atol=5e-3)
 
 
+def test_a_stream_of_which_little_is_accepted_is_told_once(run):
+    """Breaks if a service goes on in silence although times are in ms, or doubts a right one."""
+    drive = simulate_drive(np.random.default_rng(0), duration=11.0)
+    for unit, told in ((1e3, 1), (1.0, 0)):
+        found, said = run(lines([replace(scan, time=unit * scan.time) for scan in drive.scans]))
+        assert len(found) > 100
+        assert len(said) == told
+        assert all("only 0 of the last 50 estimates were accepted" in line for line in said)
+
+
 def test_lines_of_a_gyro(run):
     """Breaks if yaw rates are taken for scans, or change nothing."""
     rates = [
@@ -90,6 +101,8 @@ def test_lines_of_a_gyro(run):
         wanted += tracker.add("front", scan)
     assert said == []
     assert [each["theta"] for each in found[: len(wanted)]] == [w.theta.tolist() for w in wanted]
+    _, said = run(['{"time": 0, "yaw_rate": 30}'], "--gyro-sigma", "0.1")
+    assert "yaw_rates must be in rad/s, at most 6.28319" in said[0]
     _, said = run([rates[0], *lines()])
     assert said[0].startswith("python -m d2d.radar: line 1: gyro must be given")
 

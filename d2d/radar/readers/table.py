@@ -19,6 +19,7 @@ from d2d._types import Array
 from d2d.radar.files import brief, reading
 from d2d.radar.readers.shared import bytes_of
 from d2d.radar.scans.scan import ANGLES, BOUNDS, MEASURED, RadarScan
+from d2d.radar.tracks.gyro import RATE
 
 Mask = NDArray[np.bool_]
 
@@ -49,13 +50,10 @@ QUANTITIES = TARGET | {
     "yaw_rate": (_RATES | _ANGLES, "yaw_rate yawrate omega gyro_z wz angular_velocity_z"),
 }
 _HINT = "; are these degrees (degrees=True, on the command line --degrees)?"
-_FASTEST = FINITE._replace(
-    most=2.0 * np.pi, unit="in rad/s, ", hint="; are these deg/s (column yaw_rate_deg)?"
-)
 # Between those that RadarScenes, nuScenes and the thesis's radar have.
 USUAL = {"sigma_range": 0.15, "sigma_azimuth": math.radians(0.5), "sigma_doppler": 0.06}
 _BOUNDS = BOUNDS | {name: BOUNDS[name]._replace(hint=_HINT) for name in ANGLES}
-_BOUNDS |= {"yaw_rate": _FASTEST}
+_BOUNDS |= {"yaw_rate": RATE._replace(hint="; are these deg/s (column yaw_rate_deg)?")}
 
 
 class Column(NamedTuple):

@@ -9,8 +9,9 @@ from numpy.typing import ArrayLike
 from d2d._checks import Bounded, Bounds, check_finite, check_shape, number
 from d2d._types import Array
 
-_FASTEST = 1e3  # rad/s, beyond which no vehicle turns
-_RATE = Bounds(most=_FASTEST, unit="in rad/s, ", hint="; are these degrees per second?")
+_LARGEST = 1e3  # rad/s, of a standard deviation
+# a vehicle turns slower, and rates in degrees per second are faster
+RATE = Bounds(most=2.0 * np.pi, unit="in rad/s, ", hint="; are these degrees per second?")
 _LONGEST = 0.3  # s before a round, of which the mean yaw rate is used
 
 
@@ -30,8 +31,8 @@ class Gyro(Bounded):
         Counter-clockwise as seen from above.
     """
 
-    sigma: float = number(float(np.deg2rad(0.1)), Bounds(least=1e-9, most=_FASTEST))
-    bias: float = number(float(np.deg2rad(1.0)), Bounds(least=0.0, most=_FASTEST))
+    sigma: float = number(float(np.deg2rad(0.1)), Bounds(least=1e-9, most=_LARGEST))
+    bias: float = number(float(np.deg2rad(1.0)), Bounds(least=0.0, most=_LARGEST))
     times: ArrayLike = field(default_factory=lambda: np.empty(0))
     yaw_rates: ArrayLike = field(default_factory=lambda: np.empty(0))
 
@@ -43,7 +44,7 @@ class Gyro(Bounded):
 def check_rates(times: ArrayLike, yaw_rates: ArrayLike) -> tuple[Array, Array]:
     """The yaw rates of a gyro at their times (n,), checked."""
     known = check_finite("times", times, "(n,)")
-    rates = _RATE.array("yaw_rates", yaw_rates)
+    rates = RATE.array("yaw_rates", yaw_rates)
     check_shape("yaw_rates", rates, f"({len(known)},)", like="times")
     if not (np.diff(known) > 0.0).all():
         raise ValueError("times of the gyro must be strictly increasing, but are not")

@@ -36,7 +36,7 @@ _STAMP, _DRIFT = 0.01, 1e-5
 _ROUNDING = 1e-6  # of covariances, relative to their standard deviations
 _SHOWN_REASONS = 3
 # A number in a reason, but not the exponent of a unit such as m/s^2.
-_NUMBER = re.compile(r"(?<![\^\w.])-?\d+(\.\d+)?")
+NUMBER = re.compile(r"(?<![\^\w.])-?\d+(\.\d+)?")
 _FORMAT = "d2d.radar.Track 2"  # of npz files
 # The columns of a table; the last six are the upper triangle of the covariance.
 _COLUMNS = (
@@ -357,8 +357,8 @@ class Track(Frozen):
             return repr(self)
         alike: dict[str, list[list[str]]] = {}  # the numbers of each reason, by its kind
         for reason in filter(None, self.reasons.tolist()):
-            numbers = [found[0] for found in _NUMBER.finditer(reason)]
-            alike.setdefault(_NUMBER.sub("...", reason), []).append(numbers)
+            numbers = [found[0] for found in NUMBER.finditer(reason)]
+            alike.setdefault(NUMBER.sub("...", reason), []).append(numbers)
         often = sorted(alike.items(), key=lambda entry: -len(entry[1]))[:_SHOWN_REASONS]
         lines = []
         for kind, rows in often:
