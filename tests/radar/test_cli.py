@@ -336,9 +336,9 @@ def test_arguments_that_do_not_fit_are_refused(capsys):
         assert said in capsys.readouterr().err
 
 
-_OF_TARGETS = "mounting sigma-range sigma-azimuth sigma-doppler min-snr"
+_OF_TARGETS = "mounting sigma-range sigma-azimuth sigma-doppler min-snr degrees"
 READER_OPTIONS = {
-    "csv": f"{_OF_TARGETS} columns time-unit degrees scan-gap skip-invalid",
+    "csv": f"{_OF_TARGETS} columns time-unit scan-gap skip-invalid",
     "bag": f"{_OF_TARGETS} topic base-frame bag-stamps",
     "radarscenes": "sequence sensor",
     "nuscenes": "scene channel",

@@ -17,7 +17,7 @@ from d2d.radar.readers.shared import yaw_of
 from d2d.radar.readers.table import TARGET, columns_among, plain_name, scan_of, select, valid
 from d2d.radar.scans.budget import ErrorBudget
 from d2d.radar.scans.reference import Reference
-from d2d.radar.scans.scan import MEASURED, Mounting, RadarScan
+from d2d.radar.scans.scan import ANGLES, MEASURED, Mounting, RadarScan
 from d2d.radar.tracks.track import Track
 
 _NANOSECOND = 1e-9  # s
@@ -48,6 +48,7 @@ def load_bag(
     base_frame: str = "base_link",
     mountings: Mapping[str, Mounting] | None = None,
     columns: Mapping[str, str] | None = None,
+    degrees: bool = False,
     bag_stamps: bool = False,
     min_snr: float | None = None,
     **sigmas: float | None,
@@ -59,7 +60,8 @@ def load_bag(
     out, with a warning that counts them.  The mounting is that of the messages' frame in
     ``base_frame``, from ``/tf_static``, unless it is among the ``mountings``.  Times are those of
     the headers; with ``bag_stamps``, or where a header has none, those at which the messages were
-    written.  ``columns`` name fields; they, ``min_snr`` and the sigmas are those of `load_csv`.
+    written.  ``columns`` name fields; they, ``degrees``, ``min_snr`` and the sigmas are those of
+    `load_csv`.
 
     Raises a ``ValueError`` if the bag cannot be read or a topic, field or mounting is missing, and
     a ``ModuleNotFoundError`` without rosbags.
@@ -77,7 +79,7 @@ def load_bag(
                     clouds.append(_cloud(message) if kind == _SCANS[0] else _returns(message))
                     times.append(time)
                     frame = message.header.frame_id
-                values, where = _columns(clouds, columns or {}), f"{source}, {topic}"
+                values, where = _columns(clouds, columns or {}, degrees), f"{source}, {topic}"
                 values, used = select(where, "points", values, valid(values), given, min_snr)
                 ends = np.cumsum([len(next(iter(cloud.values()))) for cloud in clouds])
                 parts = np.split(np.arange(len(used)), ends[:-1])
@@ -162,11 +164,15 @@ def _messages(bag: Any, topic: str, bag_stamps: bool = False) -> Iterator[tuple[
         yield message, time, connection.msgtype
 
 
-def _columns(clouds: Sequence[Mapping[str, Array]], named: Mapping[str, str]) -> dict[str, Array]:
+def _columns(
+    clouds: Sequence[Mapping[str, Array]], named: Mapping[str, str], degrees: bool
+) -> dict[str, Array]:
     """The quantities of all targets, one cloud after the other, of fields by their names."""
     if not clouds:
         raise ValueError("it has no message")
-    ways = columns_among(clouds[0].keys(), TARGET, named)
+    ways = columns_among(
+        clouds[0].keys(), TARGET, named, dict.fromkeys(ANGLES, "deg") if degrees else {}
+    )
     needed = ({"doppler", *named, *place} for place in (MEASURED[:2], ("x", "y")))
     if not any(each <= ways.keys() for each in needed):
         raise ValueError(
@@ -287,7 +293,7 @@ def _spatial(covariance: Array) -> Array:
 
 
 def _read(path: str, chosen: Mapping[str, Any]) -> Source:
-    given = options_of(chosen, "columns", "base_frame", "bag_stamps", "min_snr")
+    given = options_of(chosen, "columns", "degrees", "base_frame", "bag_stamps", "min_snr")
     sensors = load_bag(path, *chosen["topic"], mountings=mountings_of(chosen), **given)
     return sensors, ErrorBudget()
 

@@ -165,6 +165,8 @@ def test_scans_and_mountings_of_a_bag(bag):
     assert [len(scan) for scan in strong] == [len(scan) - 5 for scan in DRIVE.scans]
     (turned, _) = load_bag(bag, "/front/points", columns={"y": "-y"}, **SIGMAS)["/front/points"]
     assert_allclose(turned[0].azimuth, -front[0].azimuth)
+    (small, _) = load_bag(bag, "/side/scan", degrees=True, **SIGMAS)["/side/scan"]
+    assert_allclose(np.rad2deg(small[0].azimuth), side[0].azimuth)
     (late, _) = load_bag(bag, "/front/points", bag_stamps=True, **SIGMAS)["/front/points"]
     assert late[0].time == pytest.approx(1e9 + 0.03, abs=1e-6)
 
