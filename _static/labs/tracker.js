@@ -182,7 +182,7 @@ globalThis.tracker = (function radarTracker() {
     if (intervals.length && median(intervals) > MAX_INTERVAL) {
       throw new Error(
         `${name} must have times in seconds (s), at most ${MAX_INTERVAL} apart, but ${scans[1].time} comes after ` +
-          `${scans[0].time}; are these milli- or microseconds?`,
+          `${scans[0].time}; are these nano-, milli- or microseconds?`,
       );
     }
   }

@@ -297,8 +297,8 @@ def _options(arguments: argparse.Namespace, budget: ErrorBudget) -> dict[str, An
     gyro = {name: given[f"gyro_{name}"] for name in ("sigma", "bias") if f"gyro_{name}" in given}
     if "gyro" in given:
         gyro["times"], gyro["yaw_rates"] = load_gyro(arguments.gyro, arguments.gyro_topic)
-    elif gyro and arguments.command == "track":
-        raise ValueError("--gyro-sigma and --gyro-bias need --gyro FILE")
+    elif (gyro or "gyro_topic" in given) and arguments.command == "track":
+        raise ValueError("--gyro-sigma, --gyro-bias and --gyro-topic need --gyro FILE")
     return {
         "baseline": arguments.baseline,
         "horizon": arguments.horizon,

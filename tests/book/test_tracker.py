@@ -257,7 +257,7 @@ REFUSED = {
     ),
     "decimal commas": ("time,range,azimuth,doppler\n0,1,7,25,0,1,2,5", "line 2: .* are 8"),
     "degrees": (scaled(3, 180.0 / np.pi), "azimuth must be in radians.*--degrees"),
-    "milliseconds": (scaled(1, 1e3), "are these milli- or microseconds"),
+    "milliseconds": (scaled(1, 1e3), "are these nano-, milli- or microseconds"),
     "millimetres": (scaled(2, 1e3), "range must be in m.*are these millimetres"),
     "a step back": (wrong(9, 1, "-2"), r"line 9: the time of radar steps back .*command line"),
 }

@@ -152,7 +152,9 @@ def test_a_gyro_reaches_the_estimate(log, capsys):
     without = track(DRIVE, budget=ErrorBudget()).theta
     errors = [np.std(theta[:, 2] - truth.theta[1:, 2]) for theta in (found.theta, without)]
     assert errors[0] < errors[1]
-    assert "need --gyro FILE" in failed(tracked(log, "--gyro-bias", "1"), capsys)
+    for option in ("--gyro-bias", "--gyro-topic"):
+        assert "need --gyro FILE" in failed(tracked(log, option, "1"), capsys)
+    assert "is no bag" in failed(tracked(log, "--gyro", str(file), "--gyro-topic", "/imu"), capsys)
     table[:, 1] = 60.0 * np.sin(5.0 * table[:, 0])
     np.savetxt(file, table, "%.12g", ",", header="time,yaw_rate_deg")
     assert main(tracked(log, "--gyro", str(file))) == 3
@@ -246,7 +248,7 @@ def test_a_line_that_cannot_be_read_is_named_and_nothing_written(log, capsys):
     log.write_text("\n".join(lines), encoding="utf-8")
     output = log.parent / "new" / "drive"
     said = failed(["track", "--csv", str(log), *FRONT, "--output", str(output)], capsys)
-    assert said == f"{log}, line 7: there must be 8 values as in the first line, but are 9"
+    assert said.startswith(f"{log}, line 7: there must be 8 values as in the first line, but are 9")
     assert os.listdir(log.parent) == ["log.csv"]
 
 

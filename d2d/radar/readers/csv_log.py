@@ -89,6 +89,7 @@ def load_csv(
     if time_unit is not None:
         check_choice("time_unit", time_unit, ("s", "ms", "us", "ns"))
         stated["time"] = time_unit
+    hint = "" if skip_invalid else "; skip_invalid (--skip-invalid) leaves such lines out"
     table = read_table(
         source,
         [("time", *place, "doppler", *named) for place in (MEASURED[:2], _CARTESIAN)],
@@ -96,6 +97,7 @@ def load_csv(
         named=named,
         stated=stated,
         torn=skip_invalid,
+        hint=hint,
     )
     unused = {*_TEXTS, *(() if min_snr is not None else ("snr",))}
     if table.columns.keys() >= {*MEASURED[:2]}:
@@ -106,8 +108,7 @@ def load_csv(
     try:
         table.check(values, kept)
     except ValueError as error:
-        hint = "; skip_invalid (--skip-invalid) leaves out lines without a target"
-        raise ValueError(f"{error}{'' if skip_invalid or valid(values).all() else hint}") from None
+        raise ValueError(f"{error}{'' if valid(values).all() else hint}") from None
     values, used = select(str(source), "lines", values, kept, sigmas, min_snr)
     if not used.any():
         raise ValueError(f"{source} has no line with a target")

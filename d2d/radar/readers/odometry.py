@@ -32,6 +32,8 @@ def load_reference(path: str | os.PathLike[str], topic: str | None = None) -> Re
     source = check_path("path", path)
     if is_bag(source):
         found = load_bag_reference(source, topic)
+    elif topic is not None:
+        raise ValueError(f"{source} is no bag, and has no topic {topic}")
     else:
         text = decoded(source)
         first = next((line for line in text.splitlines() if line.strip() and line[0] != "#"), "")
@@ -52,7 +54,7 @@ def load_gyro(path: str | os.PathLike[str], topic: str | None = None) -> tuple[A
     """
     source = check_path("path", path)
     bag = is_bag(source)
-    found = load_bag_reference(source, topic, GYROS) if bag else load_reference(source)
+    found = load_bag_reference(source, topic, GYROS) if bag else load_reference(source, topic)
     if np.isnan(found.theta[:, 2]).all():
         raise ValueError(f"{source} has no yaw rate")
     return found.times, found.theta[:, 2]

@@ -71,6 +71,7 @@ class Table(NamedTuple):
     columns: dict[str, Column]  # by the quantities that are recognised
     words: Mapping[str, Sequence[str]]  # likewise
     lines: NDArray[np.int64]
+    hint: str = ""  # for lines that are not right
 
     def where(self, row: int) -> str:
         """The file and the line of a row, for messages."""
@@ -92,7 +93,7 @@ class Table(NamedTuple):
                     values[row] = convert(word)
                 except ValueError:
                     if not invalid:
-                        number(f"{self.where(row)}: {name}", word, convert)
+                        number(f"{self.where(row)}: {name}", word, convert, self.hint)
             found[name] = values if dates else values * factor
         return found
 
@@ -147,6 +148,7 @@ def read_table(
     named: Mapping[str, str] = {},
     stated: Mapping[str, str] = {},
     torn: bool = False,
+    hint: str = "",
 ) -> Table:
     """The columns of some quantities in a file, whose first line names them, perhaps behind a #.
 
@@ -154,7 +156,7 @@ def read_table(
     Lines that are empty or begin with # are skipped.  Names and units of columns may be ``named``
     and ``stated``, by quantity.  Raises a ValueError unless all columns of one of the sets of
     ``needed`` ones are there, and one with its number if a line has another number of words, unless
-    ``torn`` lines are to be lines without a word.
+    ``torn`` lines are to be lines without a word.  The ``hint`` ends the messages about lines.
     """
     file = io.StringIO(decoded(source), newline="")
     for first, line in enumerate(iter(file.readline, ""), start=1):
@@ -184,7 +186,7 @@ def read_table(
                 continue
             if len(row) != width and not torn:
                 raise ValueError(
-                    f"there must be {width} values as in the first line, but are {len(row)}"
+                    f"there must be {width} values as in the first line, but are {len(row)}{hint}"
                 )
             rows.append(row if len(row) == width else [""] * width)
             lines.append(first + reader.line_num)
@@ -192,7 +194,7 @@ def read_table(
         raise ValueError(f"{source}, line {first + reader.line_num}: {error}") from None
     each = [*zip(*rows, strict=True)] or [()] * width
     words = {quantity: each[names.index(column.name)] for quantity, column in columns.items()}
-    return Table(source, columns, words, np.array(lines, dtype=np.int64))
+    return Table(source, columns, words, np.array(lines, dtype=np.int64), hint)
 
 
 def decoded(path: Path) -> str:
@@ -234,12 +236,12 @@ def _seconds(word: str) -> float:
     return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
 
 
-def number(name: str, text: str, convert: Callable[[str], float] = _float) -> float:
+def number(name: str, text: str, convert: Callable[[str], float] = _float, hint: str = "") -> float:
     """The number that a text is; a ValueError names what it should be."""
     try:
         return convert(text)
     except ValueError:
-        raise ValueError(f"{name} must be a number, but is {brief(repr(text))}") from None
+        raise ValueError(f"{name} must be a number, but is {brief(repr(text))}{hint}") from None
 
 
 def plain_name(name: str) -> str:

@@ -62,8 +62,8 @@ def named_sensors(sensors: Sensors, max_interval: float = MAX_INTERVAL) -> dict[
         if len(intervals) and np.median(intervals) > longest:
             raise ValueError(
                 f"{name} must have times in seconds (s), at most max_interval = {longest:g} apart, "
-                f"but {scans[1].time:.6f} comes after {scans[0].time:.6f}; are these milli- or "
-                "microseconds?"
+                f"but {scans[1].time:.6f} comes after {scans[0].time:.6f}; a log's time_unit "
+                "(--time-unit) is s unless stated: are these nano-, milli- or microseconds?"
             )
         named[name] = scans, mounting
     check_distinct({name: scans for name, (scans, _) in named.items()})

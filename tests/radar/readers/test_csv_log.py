@@ -183,15 +183,16 @@ def test_lines_that_are_left_out_are_counted(log):
     assert_array_equal([scan.range, scan.doppler], [[5.0], [-1.0]])
 
 
+SKIP = "; skip_invalid (--skip-invalid) leaves such lines out"
 LINES = (
-    ("0,abc,0,0", "range must be a number, but is 'abc'"),
+    ("0,abc,0,0", f"range must be a number, but is 'abc'{SKIP}"),
     ("0,,0,0", "range must be a number, but is ''"),
     ("0,1_0,0,0", "range must be a number, but is '1_0'"),
     ("0,\u0661\u0662,0,0", "range must be a number, but is '\u0661\u0662'"),
-    ("0,5,0", "there must be 4 values as in the first line, but are 3"),
+    ("0,5,0", f"there must be 4 values as in the first line, but are 3{SKIP}"),
     ("0,5,0,0,", "there must be 4 values as in the first line, but are 5"),
     ("0,-5,0,0", "range must be positive, but is -5"),
-    ("0,5,nan,0", "azimuth must be finite"),
+    ("0,5,nan,0", f"azimuth must be finite, but holds nan or inf{SKIP}"),
     ("0,5,0,inf", "doppler must be finite"),
     ("nan,5,0,0", "time must be finite"),
     ("0,25e3,0,1", "range must be in m, at most 10000, but is 25000; are these millimetres"),
