@@ -1,9 +1,10 @@
 """Scans and estimates as lines of JSON, for any middleware."""
 
 import json
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import partial
+from statistics import mode
 from typing import Any
 
 import numpy as np
@@ -46,8 +47,8 @@ def estimates_of(
                 complain(f"line {count}: {error}")
         yield from tracker.finish()
 
-    last, pose = None, np.zeros(3)
-    for estimate in _watched(estimates(), complain):
+    last, pose, reasons = None, np.zeros(3), deque[str](maxlen=_WATCHED)
+    for estimate in estimates():
         # where an estimate was not accepted, its velocity is the last one that was
         before = estimate.theta if last is None else last.theta
         twist = 0.5 * estimate.interval * (before + estimate.theta)
@@ -55,26 +56,14 @@ def estimates_of(
             pose = rigid.compose(pose, rigid.exponential(twist))
         last = estimate
         yield _line(estimate, pose)
-
-
-def _watched(
-    estimates: Iterator[VelocityEstimate], complain: Callable[[str], None]
-) -> Iterator[VelocityEstimate]:
-    """The estimates; ``complain`` is told once if too few of the last ones were accepted."""
-    reasons = deque[str](maxlen=_WATCHED)
-    for estimate in estimates:
-        yield estimate
         reasons.append(NUMBER.sub("...", estimate.reason))
         accepted = reasons.count("")
         if len(reasons) == _WATCHED and accepted < _FEW * _WATCHED:
-            ((often, _),) = Counter(filter(None, reasons)).most_common(1)
-            complain(
-                f"only {accepted} of the last {_WATCHED} estimates were accepted, most failed "
-                f'because of {often}; see the page "When a path looks wrong", or give a log of '
-                "such scans to `track`, which names mistakes"
-            )
-            break
-    yield from estimates
+            often = mode(filter(None, reasons))
+            said = f"only {accepted} of the last {_WATCHED} estimates were accepted; most often: "
+            advice = 'the page "When a path looks wrong", and `track` on such a log, name mistakes'
+            complain(f"{said}{often}; {advice}")
+            reasons = deque(maxlen=0)  # once is enough
 
 
 def _add(

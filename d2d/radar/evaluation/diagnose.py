@@ -40,8 +40,7 @@ _SURE = 4.0  # standard deviations of a heading
 _SQUARE = np.deg2rad(8.0)  # from a right angle
 _LATE, _LIKELIER, _USELESS = 0.07, 12.5, 0.2  # s, nats, s between clocks
 _AGREED, _TRAFFIC = 0.6, 0.6  # shares: range rates that are right, targets of one motion
-# ANEES between two sensors: right ones have up to 3, a turn of 4 deg 200, a clock that is off 5000
-_CONTRARY, _APART = 10.0, 1000.0
+_CONTRARY, _APART = 10.0, 1000.0  # ANEES; right sensors have 3, turned by 4 deg 200, late 5000
 _LOST = 0.25  # of the variation of the yaw rate; a right gyro loses up to a tenth
 _SHOWN = 3  # stretches without estimates
 

@@ -170,9 +170,8 @@ def _columns(
     """The quantities of all targets, one cloud after the other, of fields by their names."""
     if not clouds:
         raise ValueError("it has no message")
-    ways = columns_among(
-        clouds[0].keys(), TARGET, named, dict.fromkeys(ANGLES, "deg") if degrees else {}
-    )
+    stated = dict.fromkeys(ANGLES, "deg") if degrees else {}
+    ways = columns_among(clouds[0].keys(), TARGET, named, stated)
     needed = ({"doppler", *named, *place} for place in (MEASURED[:2], ("x", "y")))
     if not any(each <= ways.keys() for each in needed):
         raise ValueError(

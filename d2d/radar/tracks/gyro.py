@@ -10,7 +10,6 @@ from d2d._checks import Bounded, Bounds, check_finite, check_shape, number
 from d2d._types import Array
 
 _LARGEST = 1e3  # rad/s, of a standard deviation
-# a vehicle turns slower, and rates in degrees per second are faster
 RATE = Bounds(most=2.0 * np.pi, unit="in rad/s, ", hint="; are these degrees per second?")
 _LONGEST = 0.3  # s before a round, of which the mean yaw rate is used
 
