@@ -121,10 +121,10 @@ def test_unit_weights_are_repaired_by_the_residuals():
     found = register(*noisy, LIKELIHOOD, THETA)
     variance = small.residual_variance(found.theta, *noisy) / 2.0
     assert variance.mean() == pytest.approx(0.09, rel=0.05)
-    scaled = small.judged(found, THETA, found.covariance * variance[:, None, None])
+    scaled = small.credibility_of(found, THETA, found.covariance * variance[:, None, None])
     # with 13 degrees of freedom the variance itself is known roughly: E(1 / chi^2) = 1 / 11
     assert scaled.anees == pytest.approx(13.0 / 11.0, rel=0.05)
-    assert small.judged(found, THETA).anees < 0.15
+    assert small.credibility_of(found, THETA).anees < 0.15
 
 
 def test_halves_are_of_different_targets():
