@@ -1,20 +1,12 @@
 """Confidence intervals of statistics of a time series, by the circular block bootstrap."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from d2d._checks import (
-    check_count,
-    check_finite,
-    check_flag,
-    check_instance,
-    check_members,
-    check_tail,
-    is_masked,
-)
+from d2d._checks import check_count, check_finite, check_flag, check_instance, check_tail, is_masked
 from d2d._types import Array
 
 _DRAWN = 500_000  # values of an array that are drawn at a time, which limits the memory
@@ -80,7 +72,9 @@ def block_bootstrap(
     """
     if not callable(statistic):
         raise ValueError(f"statistic must be callable, but is a {type(statistic).__name__}")
-    given = check_members("arrays", arrays, object)
+    if not isinstance(arrays, Iterable):
+        raise ValueError(f"arrays must be a sequence of arrays, but is a {type(arrays).__name__}")
+    given = [*arrays]
     if is_masked(given):
         raise ValueError("arrays must not hold masked entries; remove them first")
     data = [*map(np.asarray, given)]

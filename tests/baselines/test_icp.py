@@ -15,12 +15,7 @@ from tests.strategies import reals, seeds
 RNG_POINTS = np.random.default_rng(0).uniform(-5.0, 5.0, (30, 2))
 
 
-@given(
-    seeds,
-    st.sampled_from([(), (3,), (2, 1)]),
-    st.integers(2, 500),
-    reals(-6.0, 6.0),
-)
+@given(seeds, st.sampled_from([(), (3,), (2, 1)]), st.integers(2, 500), reals(-6.0, 6.0))
 def test_paired_points_are_fitted_exactly_at_any_scale(seed, batch, count, decade):
     """Breaks if a mirror is taken for a rotation, or a batch's pairs are mixed up."""
     rng, unit = np.random.default_rng(seed), 10.0**decade
@@ -59,12 +54,7 @@ def test_two_scans_of_a_room_are_registered_and_a_copy_exactly(scans, metric):
     assert_allclose(result.theta, MOTION, atol=0.03)
 
 
-@given(
-    seeds,
-    reals(-6.0, 6.0),
-    st.integers(10, 300),
-    st.sampled_from(["point", "line"]),
-)
+@given(seeds, reals(-6.0, 6.0), st.integers(10, 300), st.sampled_from(["point", "line"]))
 def test_icp_is_right_in_any_unit_and_order(seed, decade, count, metric):
     """Breaks if a tolerance is a hidden length, or the order of the points matters."""
     rng, unit = np.random.default_rng(seed), 10.0**decade

@@ -204,7 +204,8 @@ def _reference(
         late, along = times + _SPEED_DELAY, speed[0][first, 0]
         front = factor * np.interp(late, stamps, along, left=np.nan, right=np.nan)
         square = front**2 - (_WHEELBASE * moved.theta[:, 2]) ** 2
-        moved.theta[:, 0] = np.sign(front) * np.sqrt(np.maximum(square, 0.0))
+        forward = np.sign(front) * np.sqrt(np.maximum(square, 0.0))
+        return Reference(times, np.column_stack([forward, moved.theta[:, 1:]]), moved.poses)
     return moved
 
 

@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike
 
 from d2d import rigid
 from d2d._checks import POSITIVE, SECONDS, Bounded, check_finite, check_real, check_shape, number
+from d2d._frozen import Frozen
 from d2d._types import Array
 from d2d.radar.scans.budget import ErrorBudget
 from d2d.radar.scans.scan import Mounting, RadarScan
@@ -17,7 +18,7 @@ _MIN_POSES = 5  # of a parabola: two more than it has coefficients
 
 
 @dataclass(frozen=True, eq=False)
-class Reference:
+class Reference(Frozen):
     """The motion at the time of each scan: the truth of a simulation, or from another sensor.
 
     At the ``times`` (n,) in s, ``theta`` (n, 3) is the velocity [v_x, v_y, omega] of the vehicle
@@ -30,12 +31,11 @@ class Reference:
     poses: Array
 
     def __post_init__(self) -> None:
-        times = check_finite("times", self.times, "(n,)")
-        object.__setattr__(self, "times", times)
+        self._keep("times", check_finite("times", self.times, "(n,)"))
         for name in ("theta", "poses"):
             values = check_real(name, getattr(self, name))
-            check_shape(name, values, f"({len(times)}, 3)", like="times")
-            object.__setattr__(self, name, values)
+            check_shape(name, values, f"({len(self.times)}, 3)", like="times")
+            self._keep(name, values)
 
     @classmethod
     def from_poses(

@@ -315,11 +315,9 @@ def _variance(name: str, sigma: ArrayLike, size: int) -> Array:
     return array**2
 
 
-def _regular(
-    distance: Array, sigma_range: Array, sigma_azimuth: Array, extent: Array
-) -> NDArray[np.bool_]:
-    """Mask (K,) of the targets whose covariance does not round to a singular one."""
-    ratio = np.hypot(distance * sigma_azimuth, extent) / np.hypot(sigma_range, extent)
+def _regular(distance: Array, along: Array, angle: Array, extent: Array) -> NDArray[np.bool_]:
+    """Mask (K,) of targets with errors (m, rad) whose covariance does not round to a singular."""
+    ratio = np.hypot(distance * angle, extent) / np.hypot(along, extent)
     return np.asarray((ratio < _LONGEST) & (ratio > 1.0 / _LONGEST))
 
 
@@ -330,8 +328,7 @@ def level(scan: RadarScan, mounting: Mounting) -> tuple[RadarScan, Mounting]:
     With w = R_y(pitch) R_x(roll) u, the direction of a target along axes of which x and y lie in
     the plane, and h = hypot(w_x, w_y), the plane sees it at the range h r, in the direction
     atan2(w_y, w_x), with the Doppler velocity V / h.  The errors of azimuth and elevation are
-    propagated to first order.  Targets less than 3 deg from the vertical are left out, and so are
-    those whose values in the plane are beyond what a `RadarScan` may hold.
+    propagated to first order.  Targets within 3° of the vertical or beyond `BOUNDS` are left out.
     """
     if not (mounting.pitch or mounting.roll or scan.elevation.any()):
         return scan, mounting

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from d2d._checks import Bounded, Bounds, check_finite, check_shape, number
+from d2d._frozen import Frozen
 from d2d._types import Array
 
 _LARGEST = 1e3  # rad/s, of a standard deviation
@@ -15,7 +16,7 @@ _LONGEST = 0.3  # s before a round, of which the mean yaw rate is used
 
 
 @dataclass(frozen=True, eq=False)
-class Gyro(Bounded):
+class Gyro(Frozen, Bounded):
     """A gyro's yaw rates: the vehicle's, with white noise and a bias that stays.
 
     Attributes
@@ -37,7 +38,9 @@ class Gyro(Bounded):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_rates(self.times, self.yaw_rates)
+        checked = check_rates(self.times, self.yaw_rates)
+        for name, array in zip(("times", "yaw_rates"), checked, strict=True):
+            self._keep(name, array)
 
 
 def check_rates(times: ArrayLike, yaw_rates: ArrayLike) -> tuple[Array, Array]:
@@ -62,9 +65,8 @@ class GyroRates:
     """The yaw rates of a gyro that rounds to come may need."""
 
     def __init__(self, gyro: Gyro) -> None:
-        self.gyro, self._times, self._rates = gyro, np.empty(0), np.empty(0)
-        self.used = 0  # rounds that had yaw rates
-        self.add(gyro.times, gyro.yaw_rates)
+        self.gyro, self.used = gyro, 0  # rounds that had yaw rates
+        self._times, self._rates = check_rates(gyro.times, gyro.yaw_rates)
 
     def add(self, times: ArrayLike, yaw_rates: ArrayLike) -> None:
         """Take the next yaw rates (n,), which are later than those before."""

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from d2d.radar import ErrorBudget, Gyro, Sensor, Tracker, simulate_drive, track
+from d2d.radar import ErrorBudget, Gyro, Reference, Sensor, Tracker, simulate_drive, track
 from d2d.radar.simulation.drive import CAR_MOUNTING, ROAD_SPEED
 from d2d.radar.simulation.world import lap_motion
 from d2d.scores import normalised_squares
@@ -80,6 +80,16 @@ def test_a_tracker_uses_what_it_has_been_given():
 def test_what_is_no_gyro_is_refused(make, said):
     with pytest.raises(ValueError, match=f"^{said}"):
         make()
+
+
+def test_what_is_checked_does_not_change():
+    """Breaks if an edit afterwards, of the user's array or of its copy, is not checked."""
+    times = np.arange(3.0)
+    kept, reference = Gyro(times=times, yaw_rates=times), Reference(times, np.eye(3), np.eye(3))
+    times[:] = 0.0
+    for array in (kept.times, kept.yaw_rates, reference.times, reference.theta, reference.poses):
+        assert array.any()
+        assert not array.flags.writeable
 
 
 def test_a_budget_does_not_hide_a_gyro():
