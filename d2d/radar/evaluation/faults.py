@@ -144,10 +144,7 @@ def _is_clear(gains: Array) -> bool:
 
 def _table(log: Mapping[str, SensorScans], *, scaled: bool) -> Iterator[Fault]:
     """The faults, of all sensors and of each."""
-    at = {name: mounting for name, (_, mounting) in log.items()}
     for sensor in ["", *(log if len(log) > 1 else ())]:
-        turned = {n: replace(a, x=-a.x) for n, a in at.items() if sensor in ("", n)}
-        yield _mounted("x of a mounting has the other sign", sensor, turned)
         if not scaled:
             yield _scaled("the path runs backwards", sensor, doppler=-1.0)
             yield _scaled("Doppler velocities in km/h", sensor, doppler=1.0 / 3.6)
@@ -168,6 +165,7 @@ def _table(log: Mapping[str, SensorScans], *, scaled: bool) -> Iterator[Fault]:
     yield _changed(
         "x and y are swapped", "", lambda s: replace(s, azimuth=wrapped(0.5 * np.pi - s.azimuth))
     )
+    at = {name: mounting for name, (_, mounting) in log.items()}
     if max(abs(each.yaw) for each in at.values()) < 2.0 * math.pi / math.degrees(1.0):
         degrees = {name: replace(each, yaw=math.degrees(each.yaw)) for name, each in at.items()}
         yield _mounted("yaw of the mountings in radians", "", degrees)

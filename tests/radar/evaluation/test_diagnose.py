@@ -77,14 +77,6 @@ def test_a_fault_of_one_sensor_is_that_sensors():
     assert str(found).startswith("r2: the path runs backwards (scans fit together better without")
 
 
-def test_a_lever_arm_the_wrong_way_round_is_named():
-    """Breaks if a sensor in front may be stated behind."""
-    (name, (scans, at)), *others = log("car", 3).sensors.items()
-    found = findings({name: (scans, replace(at, x=-at.x)), **dict(others)})
-    assert {each.symptom for each in found} == {"x of a mounting has the other sign"}
-    assert "*x of a mounting has the other sign*" in GUIDE.read_text(encoding="utf-8")
-
-
 @pytest.mark.parametrize("vehicle", ["indoor", "car"])
 def test_a_turned_mounting_says_what_to_state(vehicle):
     """Breaks if the sign is turned, or a slow vehicle has no mounting."""
