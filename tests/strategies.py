@@ -172,9 +172,6 @@ def case_id(case: dict[str, Any]) -> str:
     return f"{case['dimension']}D-{case['metric']}-{case['fusion']}-{case['outlier']}{measured}"
 
 
-# ---- What the cost must be ---------------------------------------------------------------------
-
-
 def naive_log_densities(problem: Problem) -> np.ndarray:
     """log q_k of one problem, by a loop over the targets and one over the components."""
     cost, theta, m = problem.cost, problem.theta, problem.measurement

@@ -120,8 +120,6 @@ def iso(means, sigma):
     return PointSet(means, sigma**2 * np.eye(2))
 
 
-# ---- The optimum ------------------------------------------------------------------------------
-
 CASES = [
     (2, "d2d", "likelihood", "none", ""),
     (2, "d2d", "likelihood", "corrupted", "twist"),
@@ -247,9 +245,6 @@ def test_a_schedule_keeps_a_good_start_on_walls(sigma):
     assert far_annealed > far
 
 
-# ---- Several starts ---------------------------------------------------------------------------
-
-
 def test_multi_start_is_the_best_of_its_starts_for_every_problem():
     """Breaks if another problem's best start is picked, or one that did not converge."""
     problem = scene(35, outlier="corrupted", measured="motion")
@@ -307,9 +302,6 @@ def test_start_grid_reaches_its_edges_in_steps_no_longer_than_asked():
     assert_array_equal(np.unique(starts[:, 2]), angles)
 
 
-# ---- Batches and threads ----------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("scales", [(1.0,), SCHEDULE], ids=["plain", "scales"])
 def test_a_batch_is_its_problems_one_by_one_in_any_number_of_threads(scales):
     """Breaks if a result depends on its neighbours, or on who computes it."""
@@ -362,9 +354,6 @@ def test_what_does_not_converge_keeps_its_place_in_a_batch():
     assert_array_equal(np.isinf(found.covariance).any(axis=(2, 3)), ~found.converged)
 
 
-# ---- Invariances ------------------------------------------------------------------------------
-
-
 @given(
     seeds,
     st.sampled_from([1, 2]),
@@ -385,9 +374,6 @@ def test_the_optimum_scales_with_the_unit(seed, dimension, metric, fusion, outli
     sigma = np.sqrt(np.diagonal(one.covariance))
     assert (np.abs(two.theta / per - one.theta) <= 1e-5 * sigma).all()
     assert_allclose(two.covariance / np.outer(per, per), one.covariance, rtol=1e-4, atol=1e-300)
-
-
-# ---- Where there is no optimum ----------------------------------------------------------------
 
 
 def assert_refused(estimate):

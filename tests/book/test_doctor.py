@@ -64,9 +64,6 @@ def said(hand: Hand) -> str:
     return str(hand.ask("lab.told.querySelector('p').textContent"))
 
 
-# ---- Numbers ----------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("full", [True, False])
 @pytest.mark.parametrize("n", [1, 2, 3, 4, 5, 6])
 def test_numbers_are_those_of_d2d(hand: Hand, n: int, full: bool):
@@ -106,9 +103,6 @@ def assert_judged(got: dict[str, Any], errors: Array, covariances: Array) -> Non
     assert got["consistent"] == expected.consistent
 
 
-# ---- Causes -----------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("example", "cause", "words"),
     [
@@ -142,8 +136,6 @@ def test_a_trouble_gets_its_name(hand: Hand, factors: list[float], cause: str, v
     found = paste(hand, text_of((errors * factors, covariances * np.eye(2))))["found"]
     assert (found["cause"], found["verdict"], found["slow"]) == (cause, verdict, False)
 
-
-# ---- Tables -----------------------------------------------------------------------------------
 
 GOOD = ["0.1, 0.2, 1, 0, 0, 1", "-0.3, 0.1, 1, 0, 0, 1", "0.2, -0.4, 1, 0, 0, 1"]
 

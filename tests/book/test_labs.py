@@ -79,9 +79,6 @@ def only(index: int) -> pytest.MarkDecorator:
 LINE, PLANE = only(2), only(4)
 
 
-# ---- What d2d makes of a laboratory's problem -------------------------------------------------
-
-
 def optimum(problem: dict[str, Any], start: list[float]) -> Array:
     """Where d2d ends from the same start."""
     line = bool(problem.get("line"))
@@ -121,9 +118,6 @@ def doppler(problem: dict[str, Any], interval: float) -> LinearMeasurement:
     return LinearMeasurement(
         of["value"], *sigmas, of["gain"] / interval, of["slope"] / interval, of_twist=True
     )
-
-
-# ---- Real events in the page ------------------------------------------------------------------
 
 
 class Hand:
@@ -350,9 +344,6 @@ def test_the_result_waits_for_a_guess(lab: Laboratory, hand: Hand, address: str)
     told = f"""[...{guess}.querySelectorAll('button')].map((each) => {{ each.click();
       return {guess}.querySelector('[aria-live]').textContent.trim().split('.')[0]; }})"""
     assert sorted(hand.ask(told))[-2:] == ["No", "Right"]
-
-
-# ---- Numbers beside a laboratory --------------------------------------------------------------
 
 
 @PLANE

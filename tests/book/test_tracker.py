@@ -43,8 +43,6 @@ for (;;) {
 }"""
 
 
-# ---- Logs -------------------------------------------------------------------------------------
-
 Sensors = dict[str, tuple[Sequence[RadarScan], Mounting]]
 
 
@@ -161,9 +159,6 @@ LOGS: dict[str, Callable[[], Log]] = {
 
 
 LEFT_OUT = ("a gap before one scan", "a repeated scan", "targets twice")
-
-
-# ---- The numbers ------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -301,9 +296,6 @@ def test_what_the_text_of_a_log_shows_is_said(driver: webdriver.Chrome, site: st
     driver.get(site)
     shown = driver.execute_script(TRACK, log().text, {"mountings": log().mountings})
     assert [word in doubt for doubt in shown["doubts"]] == [True]
-
-
-# ---- The laboratory ---------------------------------------------------------------------------
 
 
 class Hand(test_labs.Hand):

@@ -118,9 +118,6 @@ def ratios(actual, reported) -> np.ndarray:
     return np.linalg.eigvalsh(root @ actual @ root.T)
 
 
-# ---- one pair
-
-
 def held_optimum(pair, errors, doppler_error, outlier, first_order) -> np.ndarray:
     """The velocity that registers ``pair`` with ``errors`` (2, 3, K), what it reports held.
 
@@ -243,9 +240,6 @@ def test_where_an_azimuth_turns_no_doppler_velocity_there_is_nothing_to_share():
         assert_allclose(ratios(shared, estimate.covariance), 1.0, atol=0.5)
 
 
-# ---- several pairs, in which a scan is used several times
-
-
 def test_it_is_how_the_optimum_of_whole_scans_moves():
     """Breaks if a scan's uses in several pairs are squared one by one, or one of them is lost.
 
@@ -307,9 +301,6 @@ def test_more_scatter_of_the_positions_is_none_of_the_azimuth():
     assert_array_equal(found.covariances, stated)
 
 
-# ---- what has no covariance, and what is refused
-
-
 def test_what_is_no_optimum_gives_nothing_and_several_are_refused():
     """Breaks if a covariance is made up where there is no optimum, or of several velocities."""
     pair = (*seen(), CORNER)
@@ -337,8 +328,6 @@ def test_an_estimate_with_other_options_is_refused(options):
         with pytest.raises(ValueError, match=r"^estimate must be of the same sets or scans, cost"):
             propagate_ego_motion(estimate, *pair, mounting, **others)
 
-
-# ---- the budget
 
 NOTHING = ErrorBudget()
 

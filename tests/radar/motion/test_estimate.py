@@ -161,9 +161,6 @@ def test_scales_reach_the_optimum_from_a_far_start():
     assert annealed.value < direct.value
 
 
-# ---- several pairs
-
-
 def pairs_around(rng, theta, size=7):
     """A pair of scans of each sensor, over intervals of their own and not at the same times."""
     pairs = []
@@ -259,9 +256,6 @@ def test_options_are_refused_by_name():
         for value in values:
             with pytest.raises(ValueError, match=f"^{name} must"):
                 estimate_ego_motion(*pair, **{name: value})
-
-
-# ---- what is known of the side slip
 
 
 @pytest.mark.parametrize("side_slip", [False, 0.05])

@@ -81,8 +81,6 @@ def test_what_is_no_whole_file_of_a_track_is_refused(tmp_path):
         Track.load(tmp_path / "none.npz")
 
 
-# ---- nothing half written
-
 each_writer = pytest.mark.parametrize(
     "write", [Track.save, Track.write_tum, Track.write_velocities]
 )
@@ -120,9 +118,6 @@ def test_a_file_has_the_usual_rights_and_a_link_stays_one(tmp_path, write):
     assert rights[0] == rights[1]
     with pytest.raises(FileNotFoundError, match=r"nowhere does not exist"):
         write(example(), tmp_path / "nowhere" / "drive")
-
-
-# ---- tables
 
 
 def test_a_table_holds_what_the_track_and_its_data_frame_hold(tmp_path):

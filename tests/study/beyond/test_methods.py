@@ -15,9 +15,6 @@ from d2d.study.beyond.solvers import SOLVERS, solved
 from d2d.study.plane.evaluation import ROBUST, evaluated
 from d2d.study.plane.scenarios import OVERLAPPED
 
-# ---- Scenes -------------------------------------------------------------------------------------
-
-
 NOISE_FREE = {"sigma_range": 1e-6, "sigma_azimuth": 1e-7}
 
 
@@ -57,9 +54,6 @@ def test_a_crowded_scene_is_refused() -> None:
         RandomScenes(spacing=15.0).sample(2, np.random.default_rng(0))
 
 
-# ---- Solvers ------------------------------------------------------------------------------------
-
-
 def test_solvers_start_where_they_are_told() -> None:
     """Breaks if ``off`` is measured from zero, or the batch differs from the loop."""
     expected = evaluated(scenarios.OVERLAPPED, ROBUST, "zero").errors[:20]
@@ -67,9 +61,6 @@ def test_solvers_start_where_they_are_told() -> None:
     for name in SOLVERS:
         found = solved(scenarios.OVERLAPPED, name, 0.0, 20).result
         assert np.hypot(*found.errors[:, :2].T).max() < 1.0, name
-
-
-# ---- Mixtures -----------------------------------------------------------------------------------
 
 
 OUTLIER = CorruptedGaussian(0.2, np.array([[90.0, 35.0], [35.0, 50.0]]))

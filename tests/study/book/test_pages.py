@@ -25,9 +25,6 @@ from d2d.study.book.thesis_figures import FIGURES, page_of
 from d2d.study.claims import CLAIMS, claims_on
 from d2d.study.plane import figures
 
-# ---- The ledger ---------------------------------------------------------------------------------
-
-
 CHAPTERS = Path(__file__).resolve().parents[3] / "chapters"
 RATIO = Measured(1.23456, 1.1, 2.0, True, (-2.0, -1.0, 0.5))
 SHARE = Measured(1.0, 0.996, 1.0)
@@ -94,9 +91,6 @@ def test_verdicts_are_counted():
     assert len({read(badge(verdict)).split()[0] for verdict in SIGNS}) == 4  # not by colour alone
 
 
-# ---- Tables -------------------------------------------------------------------------------------
-
-
 COLUMNS = ["method", ("v_x", "mm", ".1f"), "share", "converged"]
 ROWS = {"ICP & co.": (-14.94, "9%", True), "NDT": (np.nan, None, None), "P2D": (2, "0.15", False)}
 
@@ -134,9 +128,6 @@ def test_a_value_is_shown_as_one_would_write_it():
     assert [cell(np.True_), cell(False), cell(None)] == ["yes", "no", "–"]
 
 
-# ---- One look -----------------------------------------------------------------------------------
-
-
 ROOT = Path(__file__).resolve().parents[3]
 
 
@@ -159,9 +150,6 @@ def test_the_laboratories_have_the_colours_and_marks_of_the_figures(key):
     css, kit = ((ROOT / "_static" / "labs" / name).read_text() for name in ("labs.css", "kit.js"))
     assert f"--lab-{key}: {look.color.lower()};" in css
     assert re.search(rf'\n *{key}: {{ name: "[^"]+", mark: "{MARKS[look.marker]}"', kit)
-
-
-# ---- Figures of the thesis ----------------------------------------------------------------------
 
 
 def test_the_list_has_every_figure_of_the_thesis_once():

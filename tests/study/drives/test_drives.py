@@ -26,9 +26,6 @@ def driven():
     return drive, track(drive)
 
 
-# ---- Variations ---------------------------------------------------------------------------------
-
-
 def test_track_from_starts_every_pair_at_the_same_place(driven):
     drive, result = driven
     start = np.array([1.0, 0.5, 0.0])
@@ -41,9 +38,6 @@ def test_track_from_starts_every_pair_at_the_same_place(driven):
         assert_array_equal(alone.theta[i], direct.theta)
         assert_array_equal(alone.covariance[i], direct.covariance)
         assert alone.converged[i] == direct.converged
-
-
-# ---- Moving targets -----------------------------------------------------------------------------
 
 
 def test_weights_are_the_probabilities_of_all_targets_of_all_good_pairs(driven):
@@ -83,9 +77,6 @@ def test_walkers_are_told_by_their_doppler_velocity_alone(driven):
     assert racing[0] > across + 0.3, "moved by four metres"
 
 
-# ---- Covariances --------------------------------------------------------------------------------
-
-
 @pytest.fixture(scope="module")
 def drive():
     return simulate_drive(np.random.default_rng(2), 2.0)
@@ -109,9 +100,6 @@ def test_the_covariances_are_those_of_each_pair(drive):
             assert_allclose(found.credibility(name).nees[number], nees, err_msg=name)
     _, apart, shared = found.covariances.values()
     assert not np.allclose(shared, apart, rtol=1e-3)
-
-
-# ---- Errors -------------------------------------------------------------------------------------
 
 
 def straight(length: float = 100.0, scale: float = 1.0, turn: float = 0.0) -> np.ndarray:
@@ -139,6 +127,3 @@ def test_drift_does_not_align_the_paths():
     off = Drift.of(straight() + np.array([3.0, 4.0, 0.0]), straight())
     assert off.ape_translation == pytest.approx(5.0)
     assert off.rpe_translation == pytest.approx(0.0, abs=1e-9)
-
-
-# ---- Figures ------------------------------------------------------------------------------------

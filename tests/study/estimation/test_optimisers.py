@@ -106,9 +106,6 @@ def test_all_four_arrive_where_register_does(pairs):
         assert_array_equal(path.points[0], 0.0)
 
 
-# ---- Many descents ------------------------------------------------------------------------------
-
-
 def problems(count: int) -> list[descent.PairedTargets]:
     fixed, moving = OVERLAPPED.sample(count, np.random.default_rng(3))
     return [descent.PairedTargets(fixed[run], moving[run]) for run in range(count)]
@@ -130,9 +127,6 @@ def test_many_descents_are_those_of_one_at_a_time(monkeypatch):
     assert_array_equal(together.converged, alone.converged)
     assert_allclose(together.iterations, alone.iterations, atol=1)
     assert_allclose(together.cost, alone.cost, rtol=1e-9)
-
-
-# ---- The robust cost ----------------------------------------------------------------------------
 
 
 TRANSLATIONS = np.linspace(-3.0, 8.0, 101)

@@ -23,9 +23,6 @@ from d2d.study.guides.stated_sigmas import front_drive
 from d2d.study.plane.evaluation import LIKELIHOOD
 from d2d.study.plane.scenarios import OVERLAPPED
 
-# ---- Tracks -------------------------------------------------------------------------------------
-
-
 DEGREE = np.deg2rad(1.0)
 SIGMAS = {"sigma_range": 0.15, "sigma_azimuth": 0.7 * DEGREE, "sigma_doppler": 0.1}
 
@@ -94,9 +91,6 @@ def test_velocities_over_ground_and_folded_ones_are_undone():
         assert_allclose(one.doppler, other.doppler, atol=1e-12)
 
 
-# ---- Small covariances --------------------------------------------------------------------------
-
-
 THETA = OVERLAPPED.theta
 FIXED, MOVING = OVERLAPPED.sample(400, np.random.default_rng(3))
 
@@ -147,9 +141,6 @@ def test_a_bias_does_not_average_out():
     assert last["stated"] < 0.5 * first["stated"]
     assert last["error"] > 2.0 * last["stated"]
     assert (rows["budget stated"] / rows["budget error"]).between(0.85, 1.15).all()
-
-
-# ---- The project --------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", ["first", "second", "third"])

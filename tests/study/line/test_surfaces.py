@@ -27,8 +27,6 @@ from d2d.study.line.surfaces import (
 )
 from tests.strategies import FUSIONS, METRICS
 
-# ---- Scenes -------------------------------------------------------------------------------------
-
 
 def test_line_scene_is_the_targets_with_their_noise():
     """Breaks if the sets move the wrong way, share their noise, or claim another sigma."""
@@ -62,9 +60,6 @@ def test_a_cluster_grows_around_a():
     assert_allclose(cluster_positions(0.5), [*FIXED_POSITIONS, 7.5, 8.5])
     fixed, moving = clustered(np.random.default_rng(3), 0.5, (4000,))
     assert_allclose((fixed.means - moving.means).mean(axis=0), TRUTH, atol=0.02)
-
-
-# ---- Surfaces -----------------------------------------------------------------------------------
 
 
 GRID = np.linspace(-4.0, 14.0, 181)

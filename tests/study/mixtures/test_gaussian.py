@@ -33,9 +33,6 @@ def test_raised_eigenvalues_are_the_constrained_maximum():
         assert log_likelihood(turned) <= log_likelihood(raised) + 1e-12
 
 
-# ---- Mixtures ---------------------------------------------------------------------------------
-
-
 def test_mixture_pdf_is_the_weighted_sum_and_integrates_to_one():
     x = np.random.default_rng(7).standard_normal((20, 2))
     parts = [

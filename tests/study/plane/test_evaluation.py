@@ -33,8 +33,6 @@ from d2d.study.plane.optima import (
 from d2d.study.plane.scenarios import OVERLAPPED, Layout, random_scene, scene
 from d2d.study.plane.tables import credibility_table, summary, summary_table
 
-# ---- Scenes -------------------------------------------------------------------------------------
-
 
 def test_parameters_are_those_of_the_thesis() -> None:
     """Thesis sec. 6.1, and the table of chapter 9: the one place where they are compared."""
@@ -103,9 +101,6 @@ def test_targets_are_apart_and_in_view() -> None:
         assert (np.abs(np.arctan2(targets[:, 1], targets[:, 0])) <= 0.7).all()
 
 
-# ---- Optima -------------------------------------------------------------------------------------
-
-
 def test_minima_are_minima_and_the_truth_is_among_them() -> None:
     fixed, moving = scenarios.OVERLAPPED.sample(5, np.random.default_rng(5))
     found = local_minima(scenarios.OVERLAPPED, LIKELIHOOD)
@@ -164,9 +159,6 @@ def test_surfaces_are_the_cost() -> None:
     assert profile[1] == -SUMMING.value(theta + np.array([0.0, 0.0, 0.5]), fixed, moving)
 
 
-# ---- Measures -----------------------------------------------------------------------------------
-
-
 def test_sum_is_pessimistic_in_every_scene() -> None:
     for scenario in scenarios.ALL:
         assert evaluated(scenario, SUMMING).credibility.inclination < -3.0, scenario.name
@@ -191,9 +183,6 @@ def test_same_draws_are_those_of_the_runs() -> None:
     again = register(fixed, moving, SUMMING, scenarios.OVERLAPPED.theta)
     errors = evaluated(scenarios.OVERLAPPED, SUMMING).errors
     np.testing.assert_array_equal(again.theta - scenarios.OVERLAPPED.theta, errors)
-
-
-# ---- Tables -------------------------------------------------------------------------------------
 
 
 def test_the_summary_has_a_row_for_every_scene_and_cost() -> None:

@@ -53,9 +53,6 @@ def test_a_scanner_outside_the_room_is_refused():
         room_scan(np.random.default_rng(), [50.0, 0.0, 0.0])
 
 
-# ---- Successes ----------------------------------------------------------------------------------
-
-
 def test_success_is_judged_in_the_frame_of_the_motion_and_modulo_full_turns():
     truth = np.array([3.0, -1.0, 2.0])
     near = rigid.compose(truth, [0.1, 0.1, 0.02])

@@ -32,17 +32,12 @@ from d2d.study.road.suspects import (
     without_slow_part,
 )
 
-# ---- Drives -------------------------------------------------------------------------------------
-
 
 def root(folder, *sequences: int):
     """A folder with the layout of RadarScenes, without its data."""
     for number in sequences:
         (folder / "data" / f"sequence_{number}").mkdir(parents=True)
     return folder
-
-
-# ---- Where drives are
 
 
 def test_finds_each_drive_once_and_in_order(tmp_path):
@@ -58,9 +53,6 @@ def test_finds_each_drive_once_and_in_order(tmp_path):
         pick(found, ["9", "109"])
     with pytest.raises(ValueError, match="holds no drive"):
         find_drives([whole, tmp_path])
-
-
-# ---- Displacements
 
 
 def exact(motion, seconds: float) -> tuple[Track, Reference]:
@@ -115,9 +107,6 @@ def test_errors_of_a_wrong_yaw_rate_and_of_a_wrong_speed():
     assert_allclose(errors[:, 2], 1e-3, atol=2e-6)
 
 
-# ---- Scans --------------------------------------------------------------------------------------
-
-
 def scan(time, distance, azimuth, doppler) -> RadarScan:
     return RadarScan(time, distance, azimuth, doppler, 0.1, 0.01, 0.1)
 
@@ -134,9 +123,6 @@ def test_a_profile_counts_each_target_in_its_bin():
     of_azimuth = dict(zip(EDGES["azimuth (°)"], profile["azimuth (°)"], strict=False))
     assert (of_azimuth[-45.0], of_azimuth[15.0]) == (0.5, 1.5)
     assert sum(profile["Doppler velocity (m/s)"]) == 2.0
-
-
-# ---- Suspects -----------------------------------------------------------------------------------
 
 
 SIGMA = np.array([0.02, 0.1, 0.02])
@@ -172,9 +158,6 @@ def test_a_changed_reference_is_later_and_faster():
     assert_allclose(found.errors, theta[4:] - earlier * [1.01, 1.0, 1.0])
     same = beside_changed_reference(driven, errors)
     assert_allclose(same.errors, 0.0, atol=1e-12)
-
-
-# ---- What radars add in turns -------------------------------------------------------------------
 
 
 TRUE = np.deg2rad([1.0, -0.5])  # errors of the stated mountings

@@ -25,9 +25,6 @@ def drive() -> Drive:
     return simulate_drive(rng, 10.0, CAR_SPEED, mounting=CAR_MOUNTING, sensor=sensor)
 
 
-# ---- clock, slip, mountings, noise
-
-
 def test_lag_slip_speed_and_mounting_are_found(drive):
     """Breaks if a parameter enters with the wrong sign or size, or takes over another's part."""
     truth, at = drive.truth, drive.mounting
@@ -60,9 +57,6 @@ def test_sigmas_are_read_off_the_residuals(drive):
     assert found["azimuth"] == pytest.approx(true.sigma_azimuth[0], rel=0.2)
     assert true.sigma_doppler[0] < found["doppler"] < 2.0 * true.sigma_doppler[0]
     assert found["pairs"] > 100
-
-
-# ---- the files
 
 
 @pytest.fixture(scope="module")
@@ -98,9 +92,6 @@ def test_runs_are_read_as_they_were_written(estimated, tmp_path):
     assert_allclose([first[name] for name in expected], [*expected.values()], rtol=1e-4)
     estimates.write_estimates(tmp_path / "again.csv", again)
     assert (tmp_path / "again.csv").read_bytes() == path.read_bytes()
-
-
-# ---- the committed results
 
 
 def test_the_results_files_hold_no_measurements():
