@@ -110,11 +110,7 @@ def doppler(
 def honestly_converged(problem: Problem) -> int:
     """How many converge; checks that what is said of each belongs together."""
     estimate = register(
-        problem.fixed,
-        problem.moving,
-        problem.cost,
-        problem.theta,
-        measurement=problem.measurement,
+        problem.fixed, problem.moving, problem.cost, problem.theta, measurement=problem.measurement
     )
     good = estimate.converged
     for name in ("theta", "value", "gradient", "hessian"):

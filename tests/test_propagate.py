@@ -17,13 +17,7 @@ from d2d import (
     propagate_covariance,
     register,
 )
-from tests.strategies import (
-    TRUTH,
-    all_cases,
-    case_id,
-    overlapped_scene,
-    random_problem,
-)
+from tests.strategies import TRUTH, all_cases, case_id, overlapped_scene, random_problem
 
 LIKELIHOOD = RegistrationCost()
 ROBUST = RegistrationCost(outlier=CorruptedGaussian(0.2, 100.0 * np.eye(2)))

@@ -11,14 +11,7 @@ import pytest
 
 from d2d.study.book import grammar
 from d2d.study.book.claim import Claim, Evidence
-from d2d.study.book.ledger import (
-    LEDGER,
-    SIGNS,
-    badge,
-    count_verdicts,
-    ledger,
-    page_claims,
-)
+from d2d.study.book.ledger import LEDGER, SIGNS, badge, count_verdicts, ledger, page_claims
 from d2d.study.book.measured import Measured
 from d2d.study.book.table import cell, significant, table
 from d2d.study.book.thesis_figures import FIGURES, page_of

@@ -13,14 +13,7 @@ from d2d.study.point_sets.convergence import (
     motion_errors,
     ndt_coarse_to_fine,
 )
-from d2d.study.point_sets.room_scans import (
-    MOTION,
-    ROOM,
-    ray_ranges,
-    room_pair,
-    room_scan,
-    segments,
-)
+from d2d.study.point_sets.room_scans import MOTION, ROOM, ray_ranges, room_pair, room_scan, segments
 
 
 def test_rays_end_on_the_walls():

@@ -7,30 +7,14 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.integrate import cumulative_trapezoid
 
-from d2d.radar import (
-    Comparison,
-    RadarScan,
-    Recording,
-    Reference,
-    Track,
-    load_nuscenes,
-)
+from d2d.radar import Comparison, RadarScan, Recording, Reference, Track, load_nuscenes
 from d2d.radar.readers.nuscenes import MOUNTING_ERRORS
 from d2d.radar.scans.scan import Mounting, doppler_velocity
-from d2d.study.road.displacements import (
-    LENGTH,
-    by_its_velocities,
-    drift,
-    span_errors,
-)
+from d2d.study.road.displacements import LENGTH, by_its_velocities, drift, span_errors
 from d2d.study.road.drive import CHANNELS, Drive, Source, find_drives, pick
 from d2d.study.road.extrapolation import doppler_residuals, fit_turning, load_stated
 from d2d.study.road.scan_profile import EDGES, scan_profile
-from d2d.study.road.suspects import (
-    beside_changed_reference,
-    parts,
-    without_slow_part,
-)
+from d2d.study.road.suspects import beside_changed_reference, parts, without_slow_part
 
 
 def root(folder, *sequences: int):
