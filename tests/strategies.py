@@ -13,11 +13,13 @@ from hypothesis import strategies as st
 
 from d2d import (
     CorruptedGaussian,
+    Estimate,
     LinearMeasurement,
     PointSet,
     RegistrationCost,
     UniformOutlier,
     dense,
+    register,
     rigid,
 )
 from d2d.study.plane.scenarios import OVERLAPPED
@@ -29,6 +31,7 @@ MEASURED = ("", "motion", "twist")  # linear in the motion's parameters or in it
 LAYOUTS = ("near", "far", "coincident")
 
 TRUTH = OVERLAPPED.theta
+ROBUST = RegistrationCost(outlier=CorruptedGaussian(0.2, 100.0 * np.eye(2)))
 
 
 def outlier_model(kind: str, dimension: int) -> Any:
@@ -94,6 +97,12 @@ class Problem:
     def derivatives(self, theta: Any = None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         return self._of(self.cost.derivatives, theta)
 
+    def register(self, initial: Any = None, scales: Any = (1.0,)) -> Estimate:
+        """From its own theta unless another start is given."""
+        start = self.theta if initial is None else initial
+        sets, measurement = (self.fixed, self.moving), self.measurement
+        return register(*sets, self.cost, start, scales, measurement=measurement)
+
     def densities(self) -> np.ndarray:
         return self._of(self.cost.target_densities)
 
@@ -112,8 +121,7 @@ def random_problem(
     outlier: str = "none",
     measured: str = "",
     layout: str = "near",
-    fixed_size: int = 5,
-    moving_size: int = 4,
+    sizes: tuple[int, int] = (5, 4),
     weighted: bool = True,
 ) -> Problem:
     """One problem.
@@ -124,6 +132,7 @@ def random_problem(
     """
     parameters = rigid.PARAMETERS[dimension]
     theta = np.array([0.4, -0.3, 0.25])[:parameters]
+    fixed_size, moving_size = sizes
     if layout == "coincident":
         fixed_means = np.full((fixed_size, dimension), 2.0)
         spot = rigid.transform_means(rigid.inverse(theta), fixed_means[:1])

@@ -72,26 +72,12 @@ def test_derivatives_equal_those_of_the_formulas(case):
 def test_any_number_of_targets_and_components(outlier):
     """Breaks if a lane without a target counts, or a component is lost between two chunks: the
     kernel takes eight targets at a time, and marks components in chunks of 48."""
-    sizes = [
-        (1, 1),
-        (1, 6),
-        (7, 1),
-        *((5, k) for k in (7, 8, 9, 17)),
-        *((i, 4) for i in (47, 48, 49, 100)),
-    ]
-    for (fixed, moving), fusion, measured in product(sizes, FUSIONS, ("", "twist")):
-        problem = random_problem(
-            np.random.default_rng(moving),
-            2,
-            "d2d",
-            fusion,
-            outlier,
-            measured,
-            fixed_size=fixed,
-            moving_size=moving,
-            weighted=fixed % 2 == 0,
-        )
-        assert_is_the_cost(problem, 1e-6)
+    few, many = [(1, 1), (1, 6), (7, 1)], [(i, 4) for i in (47, 48, 49, 100)]
+    each = few + [(5, k) for k in (7, 8, 9, 17)] + many
+    for sizes, fusion, measured in product(each, FUSIONS, ("", "twist")):
+        case = {"fusion": fusion, "outlier": outlier, "measured": measured, "sizes": sizes}
+        rng = np.random.default_rng(sizes[1])
+        assert_is_the_cost(random_problem(rng, **case, weighted=sizes[0] % 2 == 0), 1e-6)
 
 
 def test_derivatives_at_any_angle():
@@ -106,16 +92,9 @@ def test_derivatives_at_any_angle():
 @pytest.mark.parametrize("outlier", OUTLIERS)
 def test_inlier_probabilities_are_the_inliers_share(outlier):
     """Breaks if a share leaves [0, 1], is that of the outliers, or is not 1 without a model."""
-    for dimension, layout, size in product((1, 2), LAYOUTS, ((5, 4), (30, 17))):
-        problem = random_problem(
-            np.random.default_rng(5),
-            dimension,
-            outlier=outlier,
-            measured="motion",
-            layout=layout,
-            fixed_size=size[0],
-            moving_size=size[1],
-        )
+    for dimension, layout, sizes in product((1, 2), LAYOUTS, ((5, 4), (30, 17))):
+        case = {"outlier": outlier, "measured": "motion", "layout": layout, "sizes": sizes}
+        problem = random_problem(np.random.default_rng(5), dimension, **case)
         share, densities = problem.inlier_probabilities(), problem.densities()
         assert ((share >= 0.0) & (share <= 1.0)).all()
         bare = problem.with_(cost=RegistrationCost()).densities()
@@ -141,13 +120,13 @@ def test_inlier_probabilities_at_the_ends_of_alpha():
     st.tuples(st.integers(1, 40), st.integers(1, 40)),
     reals(-6.0, 6.0),
 )
-def test_a_change_of_unit_shifts_the_cost_by_a_constant(seed, case, size, decade):
+def test_a_change_of_unit_shifts_the_cost_by_a_constant(seed, case, sizes, decade):
     """Breaks if any constant of the code is a length: a target adds D log(unit)."""
     rng, unit = np.random.default_rng(seed), 10.0**decade
-    problem = random_problem(rng, fixed_size=size[0], moving_size=size[1], **case)
+    problem = random_problem(rng, sizes=sizes, **case)
     value, gradient, hessian = problem.derivatives()
     other, slope, bend = in_unit(problem, unit).derivatives()
-    count = size[1] if case["fusion"] == "likelihood" else 1
+    count = sizes[1] if case["fusion"] == "likelihood" else 1
     shift = count * case["dimension"] * np.log(unit)
     assert_allclose(other - shift, value, rtol=1e-10, atol=1e-8)
     per = np.array([unit] * case["dimension"] + [1.0] * (len(gradient) - case["dimension"]))

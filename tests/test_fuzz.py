@@ -109,9 +109,7 @@ def doppler(
 
 def honestly_converged(problem: Problem) -> int:
     """How many converge; checks that what is said of each belongs together."""
-    estimate = register(
-        problem.fixed, problem.moving, problem.cost, problem.theta, measurement=problem.measurement
-    )
+    estimate = problem.register()
     good = estimate.converged
     for name in ("theta", "value", "gradient", "hessian"):
         assert np.isfinite(getattr(estimate, name)).all(), name

@@ -10,17 +10,15 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import d2d
 from d2d import (
-    CorruptedGaussian,
     LinearMeasurement,
     PointSet,
     RegistrationCost,
     propagate_covariance,
     register,
 )
-from tests.strategies import TRUTH, all_cases, case_id, overlapped_scene, random_problem
+from tests.strategies import ROBUST, TRUTH, all_cases, case_id, overlapped_scene, random_problem
 
 LIKELIHOOD = RegistrationCost()
-ROBUST = RegistrationCost(outlier=CorruptedGaussian(0.2, 100.0 * np.eye(2)))
 SUMMING = RegistrationCost(fusion="summing")
 
 
@@ -66,7 +64,7 @@ def numerical(problem, which, count):
 def test_cross_derivatives_are_those_of_the_gradient(case):
     """Breaks if a term of d2f / d theta d z is missing or has the wrong sign, for any cost, or a
     pair is left out or counted twice: 101 components are more than two chunks."""
-    problem = random_problem(np.random.default_rng(7), **case, fixed_size=101, moving_size=9)
+    problem = random_problem(np.random.default_rng(7), **case, sizes=(101, 9))
     cross = cross_derivatives(problem)
     for which in ("fixed", "moving"):
         block = cross[which].swapaxes(1, 2)

@@ -89,21 +89,14 @@ def test_exponential_is_that_of_the_matrix_group(xi):
 def test_exponential_and_logarithm_undo_each_other(seed, batch, decade, angle):
     """Breaks at an angle where a series ends or a closed form cancels, on either side."""
     rng = np.random.default_rng(seed)
-    twist = np.concatenate(
-        [
-            10.0**decade * rng.standard_normal((*batch, 2)),
-            10.0**angle * rng.choice([-1.0, 0.0, 1.0], (*batch, 1)),
-        ],
-        axis=-1,
-    )
-    size = np.abs(twist[..., :2]).max()
-    back = rigid.logarithm(rigid.exponential(twist))
-    assert_allclose(back, twist, rtol=1e-9, atol=1e-9 * size * (angle > 0) + 1e-12 * size)
-    there = rigid.exponential(rigid.logarithm(twist))
-    assert_allclose(there, twist, rtol=1e-9, atol=1e-9 * size * (angle > 0) + 1e-12 * size)
-    assert_allclose(
-        rigid.inverse(rigid.exponential(twist)), rigid.exponential(-twist), atol=1e-9 * size + 1e-15
-    )
+    shift = 10.0**decade * rng.standard_normal((*batch, 2))
+    turn = 10.0**angle * rng.choice([-1.0, 0.0, 1.0], (*batch, 1))
+    twist, size = np.concatenate([shift, turn], axis=-1), np.abs(shift).max()
+    within = {"rtol": 1e-9, "atol": 1e-9 * size * (angle > 0) + 1e-12 * size}
+    assert_allclose(rigid.logarithm(rigid.exponential(twist)), twist, **within)
+    assert_allclose(rigid.exponential(rigid.logarithm(twist)), twist, **within)
+    back = rigid.inverse(rigid.exponential(twist))
+    assert_allclose(back, rigid.exponential(-twist), atol=1e-9 * size + 1e-15)
 
 
 def test_derivatives_of_exponential_and_logarithm_by_differences():

@@ -6,7 +6,6 @@ from numpy.testing import assert_allclose
 
 import d2d
 from d2d import (
-    CorruptedGaussian,
     PointSet,
     RegistrationCost,
     credibility,
@@ -15,15 +14,13 @@ from d2d import (
 )
 from d2d.sandwich import godambe, target_scores
 from d2d.study.plane.scenarios import ALL
-from tests.strategies import TRUTH, all_cases, case_id, overlapped_scene, random_problem
-
-ROBUST = RegistrationCost(outlier=CorruptedGaussian(0.2, 100.0 * np.eye(2)))
+from tests.strategies import ROBUST, TRUTH, all_cases, case_id, overlapped_scene, random_problem
 
 
 @pytest.mark.parametrize("case", all_cases(), ids=case_id)
 def test_scores_add_up_to_the_gradient_and_the_hessian(case):
     """Breaks if a target's part of either is not its own, for any cost, also off the optimum."""
-    problem = random_problem(np.random.default_rng(3), **case, moving_size=11)
+    problem = random_problem(np.random.default_rng(3), **case, sizes=(5, 11))
     bound = problem.cost.problem(problem.fixed, problem.moving, problem.measurement)
     scores, hessians = target_scores(bound, bound.bind(problem.theta))
     _, gradient, hessian = problem.derivatives()

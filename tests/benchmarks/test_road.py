@@ -3,9 +3,10 @@
 import numpy as np
 
 from benchmarks.road import by_doppler, by_points, outcome, run
-from d2d import CorruptedGaussian, RegistrationCost, register
+from d2d import register
 from d2d.radar import Mounting, Recording, simulate_drive
 from d2d.study.road.drive import Drive
+from tests.strategies import ROBUST
 
 MOUNTINGS = Mounting(3.5, 0.6, 0.4), Mounting(3.5, -0.6, -0.4)
 
@@ -18,10 +19,9 @@ def simulated(duration: float) -> Drive:
 def test_merged_static_points_of_two_radars_give_the_velocity():
     """Wrong mountings, or moving targets among the points, would show as metres a second."""
     drive = simulated(3.0)
-    cost = RegistrationCost(outlier=CorruptedGaussian(0.2, 100.0 * np.eye(2)))
 
     def robust(fixed, moving, start):
-        return register(fixed, moving, cost, start).theta
+        return register(fixed, moving, ROBUST, start).theta
 
     for method in (by_doppler(True), by_points(robust)):
         errors = outcome(drive, *run(method, drive.rounds)).errors

@@ -6,12 +6,12 @@ import nbformat
 import numpy as np
 import pytest
 
-from d2d import CorruptedGaussian, RegistrationCost, register
+from d2d import register
 from d2d.study.plane.figures import one_draw
 from d2d.study.plane.scenarios import OUTLIERS, OVERLAPPED
+from tests.strategies import ROBUST
 
 CHAPTER = Path(__file__).resolve().parents[2] / "chapters" / "06_finding_the_optimum.ipynb"
-COST = RegistrationCost(outlier=CorruptedGaussian(0.2, 100.0 * np.eye(2)))
 
 
 def forty_lines():
@@ -35,12 +35,12 @@ def test_forty_lines_agree_with_register(seed):
     fixed, moving = (s[0] for s in OUTLIERS.sample(1, np.random.default_rng(seed)))
     written = forty_lines()
     start = OUTLIERS.theta + np.array([0.3, -0.2, 0.02])
-    value, gradient, _ = COST.derivatives(start, fixed, moving)
+    value, gradient, _ = ROBUST.derivatives(start, fixed, moving)
     mine = written["cost"](start, fixed, moving)
     assert mine[0] == pytest.approx(float(value), rel=1e-12)
     np.testing.assert_allclose(mine[1], gradient, rtol=1e-9, atol=1e-9)
     theta, least, _ = written["descend_by_hand"](start, fixed, moving)
-    found = register(fixed, moving, COST, start)
+    found = register(fixed, moving, ROBUST, start)
     assert least == pytest.approx(float(found.value), rel=1e-12)
     np.testing.assert_allclose(theta, found.theta, atol=1e-5)
 

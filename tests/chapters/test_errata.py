@@ -27,6 +27,7 @@ from d2d.radar.scans.scan import doppler_gradients
 from d2d.study import CLAIMS, scenarios
 from d2d.study.line.scene import FIXED_POSITIONS, TRUTH
 from d2d.study.mixtures.gaussian import density
+from tests.strategies import ROBUST
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "chapters" / "errata.md"
@@ -100,10 +101,8 @@ def test_the_mahalanobis_distance_is_another_order_than_the_density():
 def test_the_moving_set_is_not_the_moved_fixed_one():
     """Section 4.1 has M = T(F); the peaks that it names, 2, 10 and 12.2 m, need F = T(M)."""
     reported = [2.0, 10.0, 12.2]
-    for moving_b, agrees in (
-        (FIXED_POSITIONS[0] + TRUTH, False),
-        (FIXED_POSITIONS[0] - TRUTH, True),
-    ):
+    for sign, agrees in ((1.0, False), (-1.0, True)):
+        moving_b = FIXED_POSITIONS[0] + sign * TRUTH
         assert np.allclose(FIXED_POSITIONS - moving_b, reported) == agrees
 
 
@@ -130,12 +129,9 @@ def test_the_inner_product_is_no_distance():
 def test_alpha_changes_its_meaning_between_the_chapters(pair):
     """Eq. 4.16 weighs the inliers with alpha, eq. 6.3 and 7.8 the outliers: 0.2 is then 0.8."""
     fixed, moving, theta, _ = pair
-    inlier, chapter_6, outlier = (
-        RegistrationCost(outlier=CorruptedGaussian(fraction, 100.0 * np.eye(2))).target_densities(
-            theta, fixed, moving
-        )
-        for fraction in (0.0, 0.2, 1.0)
-    )
+    models = [CorruptedGaussian(fraction, 100.0 * np.eye(2)) for fraction in (0.0, 0.2, 1.0)]
+    costs = [RegistrationCost(outlier=model) for model in models]
+    inlier, chapter_6, outlier = (c.target_densities(theta, fixed, moving) for c in costs)
     chapter_4 = 0.2 * inlier + 0.8 * outlier
     assert_allclose(chapter_6, 0.8 * inlier + 0.2 * outlier)
     assert (chapter_6 > 2.0 * chapter_4).any()
@@ -282,8 +278,7 @@ def test_the_sum_has_less_curvature(pair):
 def test_the_outlier_component_takes_curvature_away(pair):
     """Section 6.3 has it that the component adds curvature, and that this makes it pessimistic."""
     fixed, moving, theta, plain = pair
-    robust = RegistrationCost(outlier=CorruptedGaussian(0.2, 100.0 * np.eye(2)))
-    hessian = register(fixed, moving, robust, initial=theta).hessian
+    hessian = register(fixed, moving, ROBUST, initial=theta).hessian
     assert np.linalg.det(hessian) < np.linalg.det(plain.hessian)
 
 
@@ -319,7 +314,7 @@ def test_one_wide_gaussian_at_the_mean_is_narrower_than_the_mixture():
     """L. 1547: the outlier component is at the mean of the previous scan's targets."""
     fixed, moving = scenarios.OUTLIERS.true_sets
     moved = rigid.transform_means(scenarios.OUTLIERS.theta, moving)
-    wide = CorruptedGaussian(0.2, 100.0 * np.eye(2)).covariance
+    wide = ROBUST.outlier.covariance
     mixture = np.mean([density(moved, mean, wide) for mean in fixed], axis=0)
     ratio = mixture / density(moved, fixed.mean(axis=0), wide)
     assert ratio[:-1].min() == pytest.approx(0.55, abs=0.01)

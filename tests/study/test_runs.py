@@ -4,10 +4,9 @@ import joblib
 import numpy as np
 import pytest
 
-from d2d import CorruptedGaussian, RegistrationCost, register
+from d2d import register
 from d2d.study import MonteCarlo, monte_carlo, scenarios
-
-ROBUST = RegistrationCost(outlier=CorruptedGaussian(0.2, 100 * np.eye(2)))
+from tests.strategies import ROBUST
 
 
 def assert_identical(first: MonteCarlo, second: MonteCarlo) -> None:
