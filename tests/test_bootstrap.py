@@ -73,17 +73,15 @@ def test_many_data_sets_in_one_call_give_the_interval_of_each_alone():
     """Breaks if others are drawn, the last ones are forgotten, or the draw is not the seed's."""
     rng = np.random.default_rng(3)
     arrays = rng.standard_normal((5000, 3)), rng.standard_normal(5000)
+
+    def statistic(a, b, axis=0):
+        return a.mean(axis).sum(axis=-1) - np.median(b, axis)
+
     for block in (1, 4):
+        given = statistic, arrays, block
         alone, at_once = (
-            block_bootstrap(
-                lambda a, b, axis=0: a.mean(axis).sum(axis=-1) - np.median(b, axis),
-                arrays,
-                block,
-                np.random.default_rng(5),
-                resamples=101,
-                vectorized=vectorized,
-            )
-            for vectorized in (False, True)
+            block_bootstrap(*given, np.random.default_rng(5), resamples=101, vectorized=by)
+            for by in (False, True)
         )
         assert_allclose(at_once, alone, rtol=1e-12)
 

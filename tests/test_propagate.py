@@ -82,10 +82,9 @@ def test_cross_derivatives_are_those_of_the_gradient(case):
 def test_memory_does_not_grow_with_the_pairs():
     """Breaks if an array of the 4 million pairs of two large sets is made: 32 MB and more."""
     rng = np.random.default_rng(14)
-    spread = np.broadcast_to(0.04 * np.eye(2), (2000, 2, 2))
     means = rng.uniform(0.0, 150.0, (2000, 2))
-    fixed = PointSet(means, spread)
-    moving = PointSet(means + 0.2 * rng.standard_normal((2000, 2)), spread)
+    fixed = PointSet(means, 0.04 * np.eye(2))
+    moving = PointSet(means + 0.2 * rng.standard_normal((2000, 2)), 0.04 * np.eye(2))
     estimate = register(fixed, moving, ROBUST)
     propagate_covariance(estimate, fixed, moving, ROBUST)
     tracemalloc.start()

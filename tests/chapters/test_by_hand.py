@@ -14,7 +14,8 @@ from tests.strategies import ROBUST
 CHAPTER = Path(__file__).resolve().parents[2] / "chapters" / "06_finding_the_optimum.ipynb"
 
 
-def forty_lines():
+@pytest.fixture(scope="module")
+def written():
     """What the page's code defines."""
     written = {"np": np}
     for cell in nbformat.read(CHAPTER, 4).cells:
@@ -30,10 +31,9 @@ def differences(cost, theta, sets):
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_forty_lines_agree_with_register(seed):
+def test_forty_lines_agree_with_register(written, seed):
     """Breaks if a reader who copies the page's code gets another gradient or another optimum."""
     fixed, moving = (s[0] for s in OUTLIERS.sample(1, np.random.default_rng(seed)))
-    written = forty_lines()
     start = OUTLIERS.theta + np.array([0.3, -0.2, 0.02])
     value, gradient, _ = ROBUST.derivatives(start, fixed, moving)
     mine = written["cost"](start, fixed, moving)
@@ -45,13 +45,12 @@ def test_forty_lines_agree_with_register(seed):
     np.testing.assert_allclose(theta, found.theta, atol=1e-5)
 
 
-def test_readers_can_check_their_gradient_as_the_page_says():
+def test_readers_can_check_their_gradient_as_the_page_says(written):
     """Breaks if a correct gradient fails the page's tolerances, at far poses or at the optimum."""
-    sets, cost = one_draw(OVERLAPPED, 3), (written := forty_lines())["cost"]
+    sets, cost = one_draw(OVERLAPPED, 3), written["cost"]
     for theta in np.random.default_rng(0).uniform(-1, 1, (200, 3)) * (10.0, 10.0, 0.5):
         gradient = cost(theta, *sets)[1]
-        assert (
-            np.abs(differences(cost, theta, sets) - gradient).max() < 1e-7 * np.abs(gradient).max()
-        )
+        error = differences(cost, theta, sets) - gradient
+        assert np.abs(error).max() < 1e-7 * np.abs(gradient).max()
     theta, _, _ = written["descend_by_hand"](np.zeros(3), *sets)
     assert np.abs(differences(cost, theta, sets) - cost(theta, *sets)[1]).max() < 1e-6

@@ -34,18 +34,11 @@ def frame(mounting: Mounting) -> np.ndarray:
 
 def observe(points, pose, time, theta, mounting, noise, sigmas) -> RadarScan:
     """Measurements of world points (n, 2) by the vehicle at ``pose``."""
-    local = np.linalg.solve(
-        pose @ frame(mounting), np.column_stack([points, np.ones(len(points))]).T
-    )
+    points = np.column_stack([points, np.ones(len(points))])
+    local = np.linalg.solve(pose @ frame(mounting), points.T)
     distance, azimuth = np.hypot(local[0], local[1]), np.arctan2(local[1], local[0])
-    doppler = doppler_velocity(theta, azimuth, mounting)
-    return RadarScan(
-        time,
-        distance + sigmas[0] * noise[0],
-        azimuth + sigmas[1] * noise[1],
-        doppler + sigmas[2] * noise[2],
-        *sigmas,
-    )
+    values = np.stack([distance, azimuth, doppler_velocity(theta, azimuth, mounting)])
+    return RadarScan(time, *(values + np.array(sigmas)[:, None] * noise), *sigmas)
 
 
 def two_scans(

@@ -21,13 +21,9 @@ def noisy(seed: int, times: np.ndarray, factor: float = 1.0) -> Track:
     root = rng.standard_normal((len(times), 3, 5)) * SCALE[:, None]
     covariance = root @ np.swapaxes(root, -1, -2)
     errors = np.linalg.cholesky(covariance) @ rng.standard_normal((len(times), 3, 1))
-    return Track(
-        times,
-        np.diff(times, prepend=times[0] - 0.1),
-        truth(times) + np.sqrt(factor) * errors[..., 0],
-        covariance,
-        np.ones(len(times), dtype=bool),
-    )
+    intervals, good = np.diff(times, prepend=times[0] - 0.1), np.ones(len(times), dtype=bool)
+    theta = truth(times) + np.sqrt(factor) * errors[..., 0]
+    return Track(times, intervals, theta, covariance, good)
 
 
 def failed(driven: Track, rows: int | slice) -> Track:

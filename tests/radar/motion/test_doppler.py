@@ -180,24 +180,30 @@ def test_the_order_of_the_targets_does_not_decide():
         assert_allclose(sensor_velocity(shuffled, at), sensor_velocity(few, at), atol=1e-9)
 
 
+BEFORE, INTERVAL = np.diag(np.square([3.0, 0.3, 0.2])), 0.2
+
+
+def changes_of(first, second, targets=None):
+    """The scans of each sensor at both times, with their first targets."""
+    return [
+        (replace(scan[:targets], time=0.0), replace(later[:targets], time=INTERVAL), at)
+        for (scan, at), (later, _) in zip(first, second, strict=True)
+    ]
+
+
 def test_an_acceleration_is_seen_by_two_scans_of_each_sensor():
     """Breaks if a sensor's place is forgotten, or an error that both scans share counts."""
     rng, acceleration = np.random.default_rng(4), np.array([2.0, 0.2, 0.1])
-    before = np.diag(np.square([3.0, 0.3, 0.2]))
-    theta, interval = np.array([12.0, 0.1, 0.05]), 0.2
+    theta = np.array([12.0, 0.1, 0.05])
     for noise, limit in ((0.0, 0.3), (0.06, 4.0)):
         first = views_of(rng, theta, noise=noise)
-        second = views_of(rng, theta + interval * acceleration, noise=noise)
-        changes = [
-            (replace(scan, time=0.0), replace(later, time=interval), at)
-            for (scan, at), (later, _) in zip(first, second, strict=True)
-        ]
-        found = doppler_acceleration(changes, before)
+        changes = changes_of(first, views_of(rng, theta + INTERVAL * acceleration, noise=noise))
+        found = doppler_acceleration(changes, BEFORE)
         error = (found.value - acceleration) / np.sqrt(np.diag(found.covariance))
         assert np.abs(error).max() < limit
-        assert found.covariance[0, 0] < 0.2 * before[0, 0]
+        assert found.covariance[0, 0] < 0.2 * BEFORE[0, 0]
     other = [(a, replace(b, doppler=b.doppler - 20.0), at) for a, b, at in changes]
-    assert_array_equal(doppler_acceleration(other, before).value, np.zeros(3))
+    assert_array_equal(doppler_acceleration(other, BEFORE).value, np.zeros(3))
 
 
 @pytest.mark.parametrize(
@@ -206,17 +212,12 @@ def test_an_acceleration_is_seen_by_two_scans_of_each_sensor():
 )
 def test_a_change_of_velocity_is_believed_within_limits(targets, sigmas, believed):
     """Breaks if fewer than five targets show it, or it is off by four standard deviations."""
-    before, interval = np.diag(np.square([3.0, 0.3, 0.2])), 0.2
-    faster = np.array([12.0 + 3.0 * sigmas * interval, 0.0, 0.0])
-    changes = [
-        (replace(scan[:targets], time=0.0), replace(later[:targets], time=interval), at)
-        for (scan, at), (later, _) in zip(
-            views_of(np.random.default_rng(4), [12.0, 0.0, 0.0], noise=0.0),
-            views_of(np.random.default_rng(4), faster, noise=0.0),
-            strict=True,
-        )
-    ]
-    assert doppler_acceleration(changes, before).value.any() == believed
+    first, second = (
+        views_of(np.random.default_rng(4), np.array([speed, 0.0, 0.0]), noise=0.0)
+        for speed in (12.0, 12.0 + 3.0 * sigmas * INTERVAL)
+    )
+    found = doppler_acceleration(changes_of(first, second, targets), BEFORE)
+    assert found.value.any() == believed
 
 
 def test_one_sensor_does_not_show_rotation_unless_the_vehicle_does_not_slip():
@@ -225,10 +226,8 @@ def test_one_sensor_does_not_show_rotation_unless_the_vehicle_does_not_slip():
     views = views_of(np.random.default_rng(24), theta, noise=0.0, mountings=AROUND[:1])
     whole = doppler_ego_motion(views)
     assert np.isnan(whole.covariance).all()
-    at = AROUND[0]
-    assert_allclose(
-        velocity_of_sensor(whole.theta, at), velocity_of_sensor(theta, at), rtol=0, atol=1e-8
-    )
+    shown, true = (velocity_of_sensor(each, AROUND[0]) for each in (whole.theta, theta))
+    assert_allclose(shown, true, rtol=0, atol=1e-8)
     fixed = doppler_ego_motion(views, side_slip=False)
     assert_allclose(fixed.theta, theta, rtol=0, atol=1e-8)
     assert_array_equal(fixed.covariance[1], np.zeros(3))

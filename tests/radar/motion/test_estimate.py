@@ -27,9 +27,8 @@ EITHER = (True, False)
 def naive_targets(scan: RadarScan, mounting: Mounting) -> list[tuple[np.ndarray, np.ndarray]]:
     """Mean and covariance of each target in the vehicle frame."""
     found = []
-    for r, phi, sr, sp in zip(
-        scan.range, scan.azimuth, scan.sigma_range, scan.sigma_azimuth, strict=True
-    ):
+    columns = scan.range, scan.azimuth, scan.sigma_range, scan.sigma_azimuth
+    for r, phi, sr, sp in zip(*columns, strict=True):
         c, s = np.cos(phi + mounting.yaw), np.sin(phi + mounting.yaw)
         radial, across = np.array([c, s]), np.array([-s, c])
         mean = np.array([mounting.x, mounting.y]) + r * radial

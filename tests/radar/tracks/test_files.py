@@ -153,12 +153,8 @@ def test_a_tum_file_is_what_evo_reads(tmp_path):
     driven.write_tum(tmp_path / "path.tum", start)
     read = file_interface.read_tum_trajectory_file(tmp_path / "path.tum")
     poses = driven.poses(start)
-    assert_allclose(
-        read.timestamps,
-        np.append(driven.times[0] - driven.intervals[0], driven.times),
-        rtol=0,
-        atol=1e-8,
-    )
+    begin = driven.times[0] - driven.intervals[0]
+    assert_allclose(read.timestamps, [begin, *driven.times], rtol=0, atol=1e-8)
     assert_allclose(read.positions_xyz, np.column_stack([poses[:, :2], np.zeros(N + 1)]), atol=1e-8)
     for matrix, yaw in zip(read.poses_se3, poses[:, 2], strict=True):
         assert_allclose(matrix[:2, :2], arc([0.0, 0.0, yaw], 1.0)[:2, :2], rtol=0, atol=1e-7)

@@ -114,11 +114,9 @@ def test_the_exact_mixtures_end_where_register_does(
 def test_one_component_is_ordinary_least_squares() -> None:
     """With one pair per target far from all others, max and max-sum know the exact information."""
     means = np.array([[0.0, 1000.0], [3000.0, 0.0], [-5000.0, 100.0]])
-    covariances = np.array([[[0.5, 0.2], [0.2, 0.3]]] * 3)
-    fixed, moving = (
-        PointSet(means, covariances),
-        PointSet(means + np.array([0.3, -0.1]), covariances),
-    )
+    covariances = np.array([[0.5, 0.2], [0.2, 0.3]])
+    fixed = PointSet(means, covariances)
+    moving = fixed.shifted([0.3, -0.1])
     expected = register(fixed, moving)
     for mixture in ("max", "max-sum"):
         found = register_mixture(fixed, moving, mixture)

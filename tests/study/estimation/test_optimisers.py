@@ -77,11 +77,8 @@ def test_levenberg_marquardt_lies_between_its_limits(pairs):
     """Breaks if the damping is on the wrong side: 0 is Gauss-Newton, large is short descent."""
     assert_allclose(levenberg_marquardt(pairs, START, 0.0), gauss_newton(pairs, START), rtol=1e-9)
     large = 1e12
-    assert_allclose(
-        large * levenberg_marquardt(pairs, START, large),
-        -optimisers.gradient(pairs, START),
-        rtol=1e-5,
-    )
+    step = large * levenberg_marquardt(pairs, START, large)
+    assert_allclose(step, -optimisers.gradient(pairs, START), rtol=1e-5)
 
 
 def test_the_damping_rises_tenfold_until_a_step_lowers_the_cost_and_falls_to_a_tenth_after_it():
@@ -117,12 +114,10 @@ def test_many_descents_are_those_of_one_at_a_time(monkeypatch):
     given = problems(4)
     starts = OVERLAPPED.theta + np.random.default_rng(1).uniform(-0.5, 0.5, (4, 3))
     together = descent.gradient_descents(given, starts)
-    alone = descent.ends_of(
-        [
-            descent.run_all(each, start)[descent.FIRST_ORDER]
-            for each, start in zip(given, starts, strict=True)
-        ]
-    )
+    paths = [
+        descent.run_all(*each)[descent.FIRST_ORDER] for each in zip(given, starts, strict=True)
+    ]
+    alone = descent.ends_of(paths)
     assert 0 < together.converged.sum() < 4
     assert_array_equal(together.converged, alone.converged)
     assert_allclose(together.iterations, alone.iterations, atol=1)

@@ -107,9 +107,7 @@ def test_unit_weights_are_repaired_by_the_residuals():
     """Breaks if the variance of the residuals is not that of two points."""
     rng = np.random.default_rng(0)
     noisy = [
-        PointSet(
-            0.3 * rng.standard_normal((4000, 8, 2)) + true, np.eye(2) + np.zeros((4000, 8, 2, 2))
-        )
+        PointSet(0.3 * rng.standard_normal((4000, 8, 2)) + true, np.eye(2))
         for true in OVERLAPPED.true_sets
     ]
     found = register(*noisy, LIKELIHOOD, THETA)

@@ -28,10 +28,8 @@ def test_finds_each_drive_once_and_in_order(tmp_path):
     """Breaks if a second folder's excerpt of the same sequence counts as another drive."""
     whole, excerpt = root(tmp_path / "a", 9, 108), root(tmp_path / "b", 9, 10)
     found = find_drives([whole, excerpt])["RadarScenes"]
-    assert [(each.root, each.name) for each in found] == [
-        *((whole, name) for name in ("9", "108")),
-        (excerpt, "10"),
-    ]
+    expected = [(whole, "9"), (whole, "108"), (excerpt, "10")]
+    assert [(each.root, each.name) for each in found] == expected
     assert pick(found, ["10", "9"]) == {"10": found[2], "9": found[0]}
     with pytest.raises(ValueError, match="109"):
         pick(found, ["9", "109"])

@@ -67,10 +67,8 @@ def simulated(duration: float = 6.0, signs: tuple[float, float] = (0.0, 0.0)) ->
     """Two radars of one vehicle, with slow errors of these signs."""
     own, world = [], None
     for at, sign in zip(MOUNTINGS, signs, strict=True):
-        rng, errors = (
-            np.random.default_rng(3),
-            SensorErrors(azimuth=0.02 * sign, doppler=0.1 * sign),
-        )
+        rng = np.random.default_rng(3)
+        errors = SensorErrors(azimuth=0.02 * sign, doppler=0.1 * sign)
         drive = simulate_drive(rng, duration, CAR_SPEED, mounting=at, world=world, errors=errors)
         world, truth = drive.world, drive.truth
         # a reference is never exact: of an acceleration of zero there is no effect of a lag
