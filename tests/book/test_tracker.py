@@ -42,7 +42,6 @@ for (;;) {
   if (done) return {...value, poses: tracker.posesOf(rows), support: tracker.supportOf(rows)};
 }"""
 
-
 Sensors = dict[str, tuple[Sequence[RadarScan], Mounting]]
 
 
@@ -79,37 +78,15 @@ def one(duration: float = 4.0, seed: int = 1) -> Sensors:
     return {"radar": (drive.scans, drive.mounting)}
 
 
-def changed(number: int, change: Callable[[RadarScan], RadarScan]) -> Sensors:
+def chosen(change: Callable[[list[RadarScan]], list[RadarScan]], *given: Any) -> Sensors:
+    """One radar's log with other scans."""
+    ((scans, mounting),) = one(*given).values()
+    return {"radar": (change(list(scans)), mounting)}
+
+
+def changed(change: Callable[[RadarScan], RadarScan]) -> Sensors:
     """One radar's log in which one scan is another."""
-    ((scans, mounting),) = one().values()
-    own = list(scans)
-    own[number] = change(own[number])
-    return {"radar": (own, mounting)}
-
-
-def with_gaps() -> Sensors:
-    """Scans are lost for 0.4 s, over which the next is paired, for 0.6 s, and for 1.6 s."""
-    ((scans, mounting),) = one(6.0).values()
-    return {"radar": ([*scans[:15], *scans[18:25], *scans[30:35], *scans[50:]], mounting)}
-
-
-def with_lone_scan() -> Sensors:
-    """A log whose last scan comes alone, after a gap."""
-    ((scans, mounting),) = one(6.0).values()
-    return {"radar": ([*scans[:40], scans[-1]], mounting)}
-
-
-def refused_at_first() -> Sensors:
-    """A radar that sees little in its first scans, and in some later ones."""
-    ((scans, mounting),) = one(6.0).values()
-    few = [*range(14), 24, 25, 26, 40]
-    return {"radar": ([s[:3] if k in few else s for k, s in enumerate(scans)], mounting)}
-
-
-def repeated() -> Sensors:
-    """A sensor that freezes for one scan."""
-    ((scans, _),) = one().values()
-    return changed(15, lambda scan: replace(scans[14], time=scan.time))
+    return chosen(lambda scans: [*scans[:15], change(scans[15]), *scans[16:]])
 
 
 def four(duration: float = 4.0) -> Sensors:
@@ -132,32 +109,32 @@ def four(duration: float = 4.0) -> Sensors:
     return sensors
 
 
+FEW = (*range(14), 24, 25, 26, 40)  # scans in which a radar sees little
 LOGS: dict[str, Callable[[], Log]] = {
     "one radar": lambda: Log(one()),
     "one radar with a budget": lambda: Log(one(), BUDGET),
     "four radars": lambda: Log(four()),
     "four radars with a budget": lambda: Log(four(), BUDGET),
-    "gaps": lambda: Log(with_gaps()),
-    "a gap before one scan": lambda: Log(with_lone_scan()),
-    "refused at first": lambda: Log(refused_at_first()),
-    "refused in all": lambda: Log(
-        {name: ([s[:3] for s in scans], at) for name, (scans, at) in one(1.0).items()}
+    # of 0.4 s, over which the next scan is paired, of 0.6 s, and of 1.6 s
+    "gaps": lambda: Log(chosen(lambda s: [*s[:15], *s[18:25], *s[30:35], *s[50:]], 6.0)),
+    "a gap before one scan": lambda: Log(chosen(lambda scans: [*scans[:40], scans[-1]], 6.0)),
+    "refused at first": lambda: Log(
+        chosen(lambda scans: [s[:3] if k in FEW else s for k, s in enumerate(scans)], 6.0)
     ),
-    "a repeated scan": lambda: Log(repeated()),
-    "targets twice": lambda: Log(changed(15, lambda scan: scan[[*range(scan.size)] * 2])),
-    "a scan with three targets": lambda: Log(changed(15, lambda scan: scan[:3])),
+    "refused in all": lambda: Log(chosen(lambda scans: [scan[:3] for scan in scans], 1.0)),
+    "a repeated scan": lambda: Log(
+        chosen(lambda s: [*s[:15], replace(s[14], time=s[15].time), *s[16:]])
+    ),
+    "targets twice": lambda: Log(changed(lambda scan: scan[[*range(scan.size)] * 2])),
+    "a scan with three targets": lambda: Log(changed(lambda scan: scan[:3])),
     "a scan of something else": lambda: Log(
-        changed(15, lambda scan: replace(scan, azimuth=-scan.azimuth, doppler=-scan.doppler))
+        changed(lambda scan: replace(scan, azimuth=-scan.azimuth, doppler=-scan.doppler))
     ),
-    "few targets": lambda: Log(
-        {name: ([scan[:7] for scan in scans], at) for name, (scans, at) in one(3.0, 5).items()}
-    ),
+    "few targets": lambda: Log(chosen(lambda scans: [scan[:7] for scan in scans], 3.0, 5)),
     "no standard deviations": lambda: Log(
         one(), BUDGET, {"sigma_range": 0.2, "sigma_azimuth": 0.6, "sigma_doppler": 0.07}
     ),
 }
-
-
 LEFT_OUT = ("a gap before one scan", "a repeated scan", "targets twice")
 
 
@@ -192,8 +169,7 @@ def test_numbers_are_those_of_d2d(driver: webdriver.Chrome, site: str, name: str
         {key: np.deg2rad(value) if key in angles else value for key, value in given.items()}
         for given in (log.sigmas, log.budget)
     )
-    scans = load_csv(file, **sigmas)
-    sensors = {name: (own, log.sensors[name][1]) for name, own in scans.items()}
+    sensors = {key: (own, log.sensors[key][1]) for key, own in load_csv(file, **sigmas).items()}
     expected = track(sensors, budget=ErrorBudget(**shared))
     driver.get(site)
     settings = {"mountings": log.mountings, "sigmas": log.sigmas}
@@ -284,7 +260,7 @@ DOUBTS = {
     "too precise": (lambda: mistaken(sigma_azimuth=np.pi / 180.0), "radians"),
     "too coarse": (lambda: mistaken(sigma_azimuth=180.0 / np.pi), "degrees"),
     "a time for each target": (
-        lambda: Log({"radar": ([scan[:1] for scan in one()["radar"][0]], Mounting(0.4))}),
+        lambda: Log(chosen(lambda scans: [scan[:1] for scan in scans])),
         "the same time",
     ),
 }
