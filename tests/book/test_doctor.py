@@ -15,22 +15,15 @@ from tests.book.test_labs import Hand, Laboratory
 
 Array = NDArray[np.float64]
 Table = tuple[Array, Array]
-
-
 PAGE = "chapters/why_is_my_covariance_too_small"
 
 
 @pytest.fixture(scope="module")
-def opened(driver: webdriver.Chrome, address: str) -> Hand:
+def hand(driver: webdriver.Chrome, address: str) -> Hand:
     """A hand on the laboratory, whose page is opened once."""
     hand = Hand(driver, Laboratory(PAGE, "lab-doctor", "", "", ""))
     hand.open(f"{address}{PAGE}.html")
     return hand
-
-
-@pytest.fixture
-def hand(opened: Hand) -> Hand:
-    return opened
 
 
 def draw(count: int, n: int, seed: int = 0) -> Table:
@@ -81,9 +74,8 @@ def test_numbers_are_those_of_d2d(hand: Hand, n: int, full: bool):
         np.testing.assert_allclose(column["normalised"], z, rtol=1e-9)
         assert column["mean"] == pytest.approx(z.mean(), rel=1e-9)
         off = z - z.mean()
-        assert column["lagOne"] == pytest.approx(
-            (off[1:] * off[:-1]).sum() / (off**2).sum(), rel=1e-9
-        )
+        lag_one = (off[1:] * off[:-1]).sum() / (off**2).sum()
+        assert column["lagOne"] == pytest.approx(lag_one, rel=1e-9)
 
 
 def assert_judged(got: dict[str, Any], errors: Array, covariances: Array) -> None:

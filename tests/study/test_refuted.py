@@ -125,6 +125,7 @@ def useless_doppler(drive, *, doppler, **options):
 
 
 LINE, LINE_OUTLIERS, LINE_CLUSTERS = surfaces, line_outliers, line_clusters
+COSTS = estimation.COSTS
 SHORT = {"DRIVES": 3, "DURATION": 2.0}
 FEW = {"DRAWS": 200}
 # for each claim: what is another in its module, and in further ones
@@ -203,12 +204,7 @@ WORLDS = {
         },
     },
     "summing-not-gaussian": {
-        estimation: {
-            "COSTS": {
-                "likelihood": estimation.COSTS["sum"],
-                "sum": estimation.COSTS["likelihood"],
-            }
-        },
+        estimation: {"COSTS": {"likelihood": COSTS["sum"], "sum": COSTS["likelihood"]}},
     },
     "overlap-local-minima": {overlapped: SWAPPED | {"SEARCHED": 20}},
     "overlap-error": {overlapped: SWAPPED},
@@ -263,8 +259,8 @@ WORLDS = {
     },
     "nci-not-enough": {indices: {"conditions": conditions}},
     "doppler-rejects-moving": {
-        drives: SHORT
-        | {
+        drives: {
+            **SHORT,
             "TargetWeights": SimpleNamespace(of=weights),
             "walkers_by_pair": always([np.zeros((2, 20), dtype=bool)] * 100),
         },
@@ -272,9 +268,7 @@ WORLDS = {
     "doppler-reduces-error": {drives: SHORT | {"track": useless_doppler}},
     "doppler-more-certain": {drives: SHORT | {"track": useless_doppler}},
     "trajectory-drifts": {drives: SHORT | {"track": in_place}},
-    "annealing-no-gain": {
-        drives: SHORT | {"DURATION": 10.0, "followed": lost_where_annealed},
-    },
+    "annealing-no-gain": {drives: SHORT | {"DURATION": 10.0, "followed": lost_where_annealed}},
 }
 
 
