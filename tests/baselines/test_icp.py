@@ -63,9 +63,8 @@ def test_icp_is_right_in_any_unit_and_order(seed, decade, count, metric):
     moving = rigid.transform_means(rigid.inverse(theta), fixed)
     per = np.array([unit, unit, 1.0])
     one = icp(fixed, moving, metric=metric)
-    two = icp(
-        fixed[rng.permutation(count)] * unit, moving * unit, metric=metric, tolerance=1e-6 * unit
-    )
+    shuffled = fixed[rng.permutation(count)]
+    two = icp(shuffled * unit, moving * unit, metric=metric, tolerance=1e-6 * unit)
     assert one.converged == two.converged
     assert_allclose(two.theta / per, one.theta, atol=1e-5)
     assert one.thetas.shape == (one.iterations + 1, 3)

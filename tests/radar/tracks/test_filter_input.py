@@ -58,9 +58,8 @@ def test_a_column_is_what_its_error_does_to_the_velocity(name, small, component,
     budget, start = ErrorBudget(**{name: small}), 4.5
 
     def driven(errors):
-        return estimated(
-            of_car(np.random.default_rng(2), 3.0, start=start, errors=errors), budget=budget
-        )
+        drive = of_car(np.random.default_rng(2), 3.0, start=start, errors=errors)
+        return estimated(drive, budget=budget)
 
     plain, wrong = driven(None), driven(SensorErrors(**{name: small}))
     _, accelerations = true_motion(np.array([each.time for each in plain]), start)

@@ -48,9 +48,8 @@ def test_truth_maps_moving_onto_fixed() -> None:
     for scenario in scenarios.ALL:
         fixed, moving = scenario.true_sets
         count = len(scenario.targets)
-        np.testing.assert_allclose(
-            rigid.transform_means(scenario.theta, moving)[:count], fixed[:count], atol=1e-12
-        )
+        moved = rigid.transform_means(scenario.theta, moving)
+        np.testing.assert_allclose(moved[:count], fixed[:count], atol=1e-12)
 
 
 def test_noise_is_polar_and_reported_as_it_is() -> None:
