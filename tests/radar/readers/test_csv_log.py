@@ -82,7 +82,7 @@ def test_lines_of_a_scan_may_stand_anywhere(log):
         ),
         ("time,range,azimuth,doppler\n1970-01-01T01:00:00.5+01:00,5,0.5,-1\n", {}),
         ("time,range,azimuth,doppler\n1970-01-01 00:00:00.500,5,0.5,-1\n", {}),
-        (gzip.compress(b"time,range,azimuth,doppler\n0.5,5,0.5,-1\n"), {}),
+        (gzip.compress(b"time,range,azimuth,doppler\n0.5,5,0.5,-1\n", mtime=0), {}),
         (f"{HEADER},snr\n0.5,5,0.5,-1,12\n0.5,6,0.5,-1,8\n", {"min_snr": 10.0}),
     ],
 )
@@ -240,7 +240,7 @@ WHOLE = f"{HEADER}\n0,5,0,0"
         (WHOLE, {"scan_gap": -1.0}, "scan_gap must be at least 0"),
         (f"time_ms{WHOLE[4:]}", {"time_unit": "ns"}, "time_ms is in ms, but is said to be in ns"),
         (b"\x1f\x8b123", {}, "is not a complete gzip file"),
-        (gzip.compress(b"0" * 1_000_000), {}, "too many for its size"),
+        (gzip.compress(b"0" * 1_000_000, mtime=0), {}, "too many for its size"),
         (b"PAR1123", {}, "is not a Parquet file that pandas and pyarrow read"),
     ],
 )
