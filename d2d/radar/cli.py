@@ -374,10 +374,8 @@ def _judge(
 
 
 def _live(arguments: argparse.Namespace) -> None:
-    if sys.stdin is None:
-        raise ValueError("live reads scans from the standard input, which is closed")
-    if sys.stdout is None:
-        raise ValueError("live writes estimates to the standard output, which is closed")
+    if sys.stdin is None or sys.stdout is None:
+        raise ValueError("live needs the standard input and output, but one of them is closed")
     with _compiling():
         options = _options(arguments, ErrorBudget())
         tracker = Tracker(mountings_of(vars(arguments)), keep=1, **options)

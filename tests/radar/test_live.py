@@ -151,7 +151,7 @@ def test_a_closed_input_is_named(monkeypatch, capsys):
     monkeypatch.setattr("sys.stdin", None)
     assert main(CALL) == 1
     said = capsys.readouterr().err
-    assert "error: live reads scans from the standard input, which is closed" in said
+    assert "error: live needs the standard input and output, but one of them is closed" in said
 
 
 PROGRAM = [sys.executable, "-m", "d2d.radar", *CALL]

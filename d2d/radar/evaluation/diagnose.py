@@ -40,7 +40,7 @@ _SURE = 4.0  # standard deviations of a heading
 _SQUARE = np.deg2rad(8.0)  # from a right angle
 _LATE, _LIKELIER, _USELESS = 0.07, 12.5, 0.2  # s, nats, s between clocks
 _AGREED, _TRAFFIC = 0.6, 0.6  # shares: range rates that are right, targets of one motion
-_CONTRARY, _HOPELESS = 10.0, 1000.0  # ANEES; right sensors have 3, turned by 4 deg 200, late 5000
+_CONTRARY, _APART = 10.0, 1000.0  # ANEES; right sensors have 3, turned by 4 deg 200, late 5000
 _LOST = 0.25  # of the variation of the yaw rate; a right gyro loses up to a tenth
 _SHOWN = 3  # stretches without estimates
 
@@ -273,8 +273,7 @@ def _of_track(driven: Track, alone: Mapping[str, Track]) -> Iterator[Finding]:
         if anees > _CONTRARY:
             about = f"the ANEES of their differences is {anees:.0f}, ideally 1; mountings, clocks"
             both = f"{first} and {second}"
-            hopeless = anees > _HOPELESS
-            yield Finding("sensors contradict each other", both, anees, "", hopeless, about)
+            yield Finding("sensors contradict each other", both, anees, "", anees > _APART, about)
     guessed = driven.support.guessed
     if guessed:
         longest = sorted(guessed, key=lambda span: span[0] - span[1])[:_SHOWN]

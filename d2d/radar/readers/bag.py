@@ -60,8 +60,7 @@ def load_bag(
     out, with a warning that counts them.  The mounting is that of the messages' frame in
     ``base_frame``, from ``/tf_static``, unless it is among the ``mountings``.  Times are those of
     the headers; with ``bag_stamps``, or where a header has none, those at which the messages were
-    written.  ``columns`` name fields; they, ``degrees``, ``min_snr`` and the sigmas are those of
-    `load_csv`.
+    written.  ``columns`` (of fields), ``degrees``, ``min_snr`` and sigmas are those of `load_csv`.
 
     Raises a ``ValueError`` if the bag cannot be read or a topic, field or mounting is missing, and
     a ``ModuleNotFoundError`` without rosbags.

@@ -292,5 +292,4 @@ def _corrected(mounting: Mounting, channel: str) -> Mounting:
     return mounting
 
 
-_TRIAL = ("scene-0061", ("RADAR_FRONT", "RADAR_FRONT_LEFT"))
-READER = data_set("nuScenes", load_nuscenes, "scene", "channel", _TRIAL)
+READER = data_set("nuScenes", load_nuscenes, "scene", "channel")

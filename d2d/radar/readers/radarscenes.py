@@ -197,4 +197,4 @@ def _scan(
     return RadarScan(stamp * MICROSECOND, distance, azimuth, doppler, **sigmas)
 
 
-READER = data_set("RadarScenes", load_radarscenes, "sequence", "sensor", ("105", (1, 2, 3, 4)))
+READER = data_set("RadarScenes", load_radarscenes, "sequence", "sensor")

@@ -23,16 +23,9 @@ class Reader(NamedTuple):
     read: Callable[[Any, Mapping[str, Any]], Source]  # of file or folder, and options by name
     metavar: str = "FILE"
     action: str = "store"  # on the command line
-    trial: tuple[Any, tuple[Any, ...]] | None = None  # a recording and its sensors, for tests
 
 
-def data_set(
-    title: str,
-    load: Callable[..., Recording],
-    recording: str,
-    sensor: str,
-    trial: tuple[Any, tuple[Any, ...]],
-) -> Reader:
+def data_set(title: str, load: Callable[..., Recording], recording: str, sensor: str) -> Reader:
     """The entry of a data set, whose loader takes root folder, recording and sensor."""
 
     def read(root: str, chosen: Mapping[str, Any]) -> Source:
@@ -43,7 +36,7 @@ def data_set(
         return sensors, next(iter(loaded.values())).budget or ErrorBudget()
 
     about = f"folder of the {title} data set"
-    return Reader(title.lower(), about, load, (recording, sensor), read, "ROOT", trial=trial)
+    return Reader(title.lower(), about, load, (recording, sensor), read, "ROOT")
 
 
 def check_once(names: Sequence[object]) -> None:

@@ -10,7 +10,6 @@ from d2d._checks import Bounded, Bounds, check_finite, check_shape, number
 from d2d._frozen import Frozen
 from d2d._types import Array
 
-_LARGEST = 1e3  # rad/s, of a standard deviation
 RATE = Bounds(most=2.0 * np.pi, unit="in rad/s, ", hint="; are these degrees per second?")
 _LONGEST = 0.3  # s before a round, of which the mean yaw rate is used
 
@@ -31,8 +30,8 @@ class Gyro(Frozen, Bounded):
         Counter-clockwise as seen from above.
     """
 
-    sigma: float = number(float(np.deg2rad(0.1)), Bounds(least=1e-9, most=_LARGEST))
-    bias: float = number(float(np.deg2rad(1.0)), Bounds(least=0.0, most=_LARGEST))
+    sigma: float = number(float(np.deg2rad(0.1)), Bounds(least=1e-9, most=1e3))
+    bias: float = number(float(np.deg2rad(1.0)), Bounds(least=0.0, most=1e3))
     times: ArrayLike = field(default_factory=lambda: np.empty(0))
     yaw_rates: ArrayLike = field(default_factory=lambda: np.empty(0))
 

@@ -240,14 +240,6 @@ class Track(Frozen):
         return Knots(np.append(begin, known), np.vstack([first, values]), errors)
 
     @property
-    def systematic(self) -> Array | None:
-        """The part (n, 3, 3) of the covariance that the budget's slow errors make, if known."""
-        if self.errors is None:
-            return None
-        effects = self.errors[:, 1, :3, self.errors.shape[2] :]
-        return np.asarray(effects @ effects.swapaxes(1, 2))
-
-    @property
     def guessed(self) -> NDArray[np.bool_]:
         """Mask (n,) of the poses in stretches without estimates; see `support`."""
         found = np.zeros(len(self), dtype=np.bool_)

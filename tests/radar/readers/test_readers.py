@@ -1,7 +1,7 @@
 """What every reader of a data set returns, checked on the data set where it is present.
 
-A reader that is added to `READERS` is tested here without another line: the environment variable of
-its entry names the folder, and its entry a recording that even an excerpt has.
+A data set that is added to `READERS` needs a line here: a recording that even an excerpt has, and
+its sensors.  The environment variable of its name gives the folder.
 """
 
 import numpy as np
@@ -11,16 +11,17 @@ from d2d.radar import ErrorBudget, Mounting, Recording, sensor_velocity
 from d2d.radar.readers import READERS
 from tests.conftest import folder_of
 
-DATA_SETS = {name: reader for name, reader in READERS.items() if reader.trial is not None}
+TRIALS = {
+    "radarscenes": ("105", (1, 2, 3, 4)),
+    "nuscenes": ("scene-0061", ("RADAR_FRONT", "RADAR_FRONT_LEFT")),
+}
 
 
-@pytest.fixture(scope="module", params=DATA_SETS)
+@pytest.fixture(scope="module", params=TRIALS)
 def recordings(request: pytest.FixtureRequest) -> list[Recording]:
     """One of each sensor of the trial."""
-    reader = DATA_SETS[request.param]
+    reader, (name, sensors) = READERS[request.param], TRIALS[request.param]
     root = folder_of(reader.name)
-    assert reader.trial is not None
-    name, sensors = reader.trial
     return [reader.load(root, name, sensor) for sensor in sensors]
 
 
