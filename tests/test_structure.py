@@ -27,17 +27,17 @@ REPOSITORY = PACKAGE.parent
 # The most lines that each room may have, and how many it is meant to come down to.  A number is
 # only lowered; a new feature says what leaves.
 ROOMS = {
-    "d2d/*.py": (2932, 2700),
-    "d2d/_kernel/**/*.py": (2910, 2900),
-    "d2d/baselines/**/*.py": (397, 400),
+    "d2d/*.py": (2925, 2700),
+    "d2d/_kernel/**/*.py": (2900, 2900),
+    "d2d/baselines/**/*.py": (396, 400),
     "d2d/radar/**/*.py": (8457, 8300),
-    "d2d/study/**/*.py": (10_836, 10_400),
-    "benchmarks/**/*.py": (1648, 1700),
-    "tests/**/*.py": (18_553, 18_000),
+    "d2d/study/**/*.py": (10_700, 10_400),
+    "benchmarks/**/*.py": (1586, 1700),
+    "tests/**/*.py": (18_190, 18_000),
     "_static/labs/**/*.js": (5892, 6000),
     "_static/**/*.css": (800, 800),
     "_static/*.js": (100, 100),
-    "tools/**/*.py": (872, 800),
+    "tools/**/*.py": (863, 800),
 }
 
 
