@@ -59,10 +59,9 @@ def estimates_of(
         reasons.append(NUMBER.sub("...", estimate.reason))
         accepted = reasons.count("")
         if len(reasons) == _WATCHED and accepted < _FEW * _WATCHED:
-            often = mode(filter(None, reasons))
             said = f"only {accepted} of the last {_WATCHED} estimates were accepted; most often: "
             advice = 'the page "When a path looks wrong", and `track` on such a log, name mistakes'
-            complain(f"{said}{often}; {advice}")
+            complain(f"{said}{mode(filter(None, reasons))}; {advice}")
             reasons = deque(maxlen=0)  # once is enough
 
 

@@ -67,7 +67,8 @@ def diagnose(
 
     ``driven`` is what `track` returned for these sensors, and ``alone`` what it returned for single
     ones, by their names.  Not everything can be told: if the azimuths of a single radar that looks
-    straight ahead count clockwise, it is a drive through a mirrored world.
+    straight ahead count clockwise, it is a drive through a mirrored world.  Raises a ``ValueError``
+    if an argument is invalid.
 
     Examples
     --------

@@ -64,9 +64,8 @@ def compare_halves(
             labels = np.arange(pair.current.size)
             if by == "object" and len(labels) > 1:
                 points = pair.current.point_set(pair.mounting).means
-                labels = scipy.cluster.hierarchy.fclusterdata(
-                    points, _WITHIN, criterion="distance", method="single"
-                )
+                cluster = scipy.cluster.hierarchy.fclusterdata
+                labels = cluster(points, _WITHIN, criterion="distance", method="single")
             first = _half(rng, labels)
             for pairs, chosen in zip(halves, (first, ~first), strict=True):
                 if chosen.any():

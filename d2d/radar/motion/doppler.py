@@ -31,7 +31,7 @@ def sensor_velocity(scan: RadarScan, mounting: Mounting) -> Array:
     Static targets lie on :math:`v = -(u_x \cos\phi + u_y \sin\phi)`.  Every pair of targets of a
     fixed set (random in Kellner et al. 2013) gives a hypothesis of u; the one that most targets
     agree with, or if none do, all targets, are fitted by weighted least squares.  A component that
-    is not observable is zero.
+    is not observable is zero.  Raises a ``ValueError`` if an argument is of another kind.
     """
     check_instance("scan", scan, RadarScan)
     check_instance("mounting", mounting, Mounting)

@@ -32,9 +32,8 @@ _END = re.compile(rb"^DATA[ \t]+(\w+)[ \t]*\r?\n", re.MULTILINE)
 # How many numbers an entry of a table has.
 _NUMBERS = {"translation": 3, "rotation": 4, "pos": 3, "orientation": 4, "vel": 3}
 
-# Fitted to the errors of all five radars together in scenes 0061 and 0103, by maximum likelihood,
-# baseline 2, and then widened by a factor of 1.6: two scenes are two draws of what differs from
-# scene to scene.
+# Fitted to the errors of all five radars in scenes 0061 and 0103, by maximum likelihood, baseline
+# 2, and then widened by 1.6: two scenes are two draws of what differs from scene to scene.
 NUSCENES_BUDGET = ErrorBudget(
     azimuth=float(np.deg2rad(0.55)),
     doppler=0.055,

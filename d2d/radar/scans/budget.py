@@ -13,7 +13,7 @@ class ErrorBudget(Bounded):
     """Standard deviations of the errors that many targets share, or that no target explains.
 
     They add to the covariance of a track; a part of ``azimuth`` and ``doppler`` also lessens the
-    weight of its Doppler velocities.  None is negative or above 1000.
+    weight of its Doppler velocities.  Raises a ``ValueError`` if one is negative or above 1000.
 
     Attributes
     ----------

@@ -8,7 +8,7 @@ import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from d2d import rigid
-from d2d._checks import check_count, check_instance
+from d2d._checks import check_instance
 from d2d._types import Array
 from d2d.radar.scans.reference import Reference
 
@@ -180,7 +180,6 @@ def _bends(along: Array, starts: Array) -> tuple[Array, Array]:
 def build_world(rng: np.random.Generator, movers: int = 6) -> World:
     """Line the street with houses, parked cars, poles, bushes and ``movers``, cars and walkers."""
     check_instance("rng", rng, np.random.Generator)
-    check_count("movers", movers, 0)
     buildings, cars = _buildings(rng), _parked_cars(rng)
     places = {
         "wall": _along_outlines(rng, buildings, 0.7, (0.02, 0.25)),

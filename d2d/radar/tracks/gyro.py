@@ -18,6 +18,8 @@ _LONGEST = 0.3  # s before a round, of which the mean yaw rate is used
 class Gyro(Frozen, Bounded):
     """A gyro's yaw rates: the vehicle's, with white noise and a bias that stays.
 
+    Raises a ``ValueError`` if times do not increase, shapes differ or a number is out of bounds.
+
     Attributes
     ----------
     sigma : float, rad/s

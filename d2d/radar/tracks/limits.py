@@ -29,7 +29,7 @@ class VehicleLimits:
     estimate that exceeds one by more than three of its own standard deviations is not accepted.
     The velocity may have changed since the last accepted estimate by the acceleration times the
     time that has passed; beyond half a second, as nobody brakes or turns in like that for long, by
-    that times the square root of the time.
+    that times the square root of the time.  Raises a ``ValueError`` if a limit is not positive.
 
     Attributes
     ----------

@@ -16,7 +16,6 @@ LINE = (0, (6.0, 1.2, 1.2, 1.2))  # dash-dotted
 ESTIMATE: dict[str, Any] = {"color": COLOR, "ls": LINE}
 REFERENCE: dict[str, Any] = {"color": "#000000", "ls": "--", "lw": 0.9}
 _LABELS = ("$v_x$ (m/s)", "$v_y$ (m/s)", "$ω$ (°/s)")
-_FAILED = "black"
 
 
 def draw(driven: Any) -> Figure:
@@ -36,7 +35,7 @@ def draw(driven: Any) -> Figure:
     for i, outline in enumerate(_regions(driven)):
         ax.plot(*outline.T, color=COLOR, lw=0.8, label="_" if i else "95 %")
     if not converged.all():
-        ax.plot(*path[1:][~converged, :2].T, "x", ms=4, color=_FAILED, label="failed")
+        ax.plot(*path[1:][~converged, :2].T, "x", ms=4, color="black", label="failed")
     ax.set(xlabel="x (m)", ylabel="y (m)", aspect="equal", adjustable="datalim")
     ax.legend()
     first = figure.add_subplot(grid[1])
@@ -58,7 +57,7 @@ def draw(driven: Any) -> Figure:
     for ax in axes:
         bottom = np.full(np.count_nonzero(~converged), 0.04)  # of the axes' height
         where = ax.get_xaxis_transform()
-        ax.plot(times[~converged], bottom, "|", color=_FAILED, transform=where)
+        ax.plot(times[~converged], bottom, "|", color="black", transform=where)
         ax.tick_params(labelbottom=ax is axes[-1])
     axes[-1].set_xlabel("time (s)")
     return figure

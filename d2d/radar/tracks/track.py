@@ -63,7 +63,8 @@ class Track(Frozen):
     Its arrays are read-only; `dataclasses.replace` makes another one.  Where the clock of the
     sensors steps back, the time that has passed is not known: the interval is nan, a new one of the
     ``segments`` begins, and the path goes on from the pose before.  Only within a segment are times
-    in order; `at`, `displacement` and `write_tum` need a track of one.
+    in order; `at`, `displacement` and `write_tum` need a track of one.  Raises a ``ValueError`` if
+    shapes or types do not match, or fields contradict each other.
 
     Attributes
     ----------
