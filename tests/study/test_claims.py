@@ -20,8 +20,10 @@ def test_the_check_finds_what_is_on_record(claim):
     """Breaks if a number changes so much that the claim must be told, or judged, anew."""
     evidence = claim.check()
     assert differences(evidence, RECORD[claim.id]) == []
+    assert evidence.numbers
     for name, value in evidence.numbers.items():
         assert math.isfinite(value), name
+        assert isinstance(value, (int, float)), name
     assert evidence.because.strip()
 
 

@@ -390,6 +390,7 @@ def test_a_track_contains_its_budget():
     assert not plain.errors[:, 1, :3, 6:].any()
     slow = found.errors[-10:, 1, 0, 6:]
     assert (np.linalg.norm(slow, axis=1) > 0.01).all()  # whatever came before
+    assert_array_equal(found.converged, plain.converged)
     assert_array_equal(found.reasons, "")
     assert_array_equal(found.targets, [scan.size for scan in drive.scans[1:]])
     assert ((found.inliers > 0.1) & (found.inliers <= 1.0)).all()
